@@ -1,0 +1,61 @@
+# The two commands of the README: `make train` and `make test`. Both make the virtual environment $(VENV) on the
+# first call and install into it again only after setup.cfg, pyproject.toml or constraints.txt has changed.
+#
+#   make train ARGS="total_timesteps=500000 seed=1"
+#   make train TORCH_ARGS="--index-url <index of PyTorch's CPU builds>"    a smaller torch, without CUDA
+
+PYTHON ?= python3
+VENV ?= .venv
+ARGS ?=
+TORCH_ARGS ?=
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip
+SOURCES := setup.cfg pyproject.toml constraints.txt
+
+.PHONY: help train test lint types docs clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make train   train the parkour policy (ARGS= takes overrides, e.g. ARGS='rho=0.4 seed=1')"
+	@echo "make test    run the tests (ARGS= goes to pytest)"
+	@echo "make lint    check the code with ruff"
+	@echo "make types   check the types with mypy"
+	@echo "make docs    build the documentation into docs/_build/html"
+	@echo "make clean   remove the virtual environment and everything built"
+
+train: $(VENV)/.installed
+	$(BIN)/ogmp-train task=parkour rho=0.5 $(ARGS)
+
+# One thread for each worker of pytest: more would spin against each other.
+test: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+
+types: $(VENV)/.installed-dev
+	$(BIN)/mypy
+
+docs: $(VENV)/.installed-dev
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info docs/_build
+
+$(BIN)/pip:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ogmp_sb3 needs Python 3.11 or later; name one with PYTHON=")'
+	$(PYTHON) -m venv $(VENV)
+
+# torch comes first and alone, so that TORCH_ARGS can choose its build.
+$(VENV)/.installed-torch: constraints.txt | $(BIN)/pip
+	$(PIP) install -c constraints.txt $(TORCH_ARGS) torch
+	touch $@
+
+$(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch
+	$(PIP) install -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.installed-dev: $(SOURCES) $(VENV)/.installed-torch
+	$(PIP) install -c constraints.txt -e '.[dev]'
+	touch $(VENV)/.installed $@

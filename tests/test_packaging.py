@@ -1,0 +1,250 @@
+"""Tests of the package as a whole: its metadata, its data files and the direction of its imports."""
+
+import ast
+import configparser
+import graphlib
+import importlib.metadata
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import ogmp_sb3
+
+PACKAGE = Path(ogmp_sb3.__file__).parent
+ROOT = Path(__file__).parents[1]
+
+LAYERS = (
+    {"registry", "rotations"},
+    {"schema", "srb"},
+    {"config"},
+    {"riccati", "terrain"},
+    {"modes"},
+    {"reference", "sampling"},
+    {"oracles"},
+    {"view"},
+    {"observations", "rewards", "terminations", "metrics"},
+    {"sim"},
+    {"env"},
+    {"adapters"},
+    {"recurrent"},
+    {"checkpoints"},
+    {"plotting", "logs"},
+    {"train", "evaluate", "check"},
+)
+"""Modules from left to right. Each imports from its left and, without cycles, from its layer."""
+
+PROGRAMS = LAYERS[-1]
+RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
+
+SOLE_IMPORTERS = {
+    "control": {"riccati"},
+    "matplotlib": {"plotting"},
+    "mujoco.batch": {"sim"},
+    "hydra": PROGRAMS,
+}
+
+DISTRIBUTIONS = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "hydra": "hydra-core",
+    "yaml": "pyyaml",
+}
+"""Distributions that are called otherwise than the module they install."""
+
+
+def setup_cfg() -> configparser.ConfigParser:
+    parser = configparser.ConfigParser()
+    parser.read(ROOT / "setup.cfg", encoding="utf-8")
+    return parser
+
+
+def listed(text: str) -> list[str]:
+    return [line.strip() for line in text.splitlines() if line.strip()]
+
+
+def console_scripts() -> dict[str, str]:
+    pairs = (line.split("=", 1) for line in listed(setup_cfg()["options.entry_points"]["console_scripts"]))
+    return {name.strip(): target.strip() for name, target in pairs}
+
+
+def requirement_name(requirement: str) -> str:
+    return re.match(r"[A-Za-z0-9._-]+", requirement).group().lower().replace("_", "-")
+
+
+def module_name(path: Path) -> str:
+    """`config` for `ogmp_sb3/config.py`, `__init__` for the package itself."""
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported_names(source: str) -> set[str]:
+    """Dotted names that a module of `ogmp_sb3` imports anywhere, functions included.
+
+    `from a import b` counts as `a` and `a.b`, because `b` may be a module. Relative imports get their full
+    name. `mujoco.batch.X` counts as an import of `mujoco.batch`, for it works only after one.
+    """
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = f"ogmp_sb3.{base}".rstrip(".")
+            names.add(base)
+            names.update(f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node) == "mujoco.batch":
+            names.add("mujoco.batch")
+    return names
+
+
+def imported_modules(names: set[str]) -> set[str]:
+    """Modules of `ogmp_sb3` among dotted names: `config` for `ogmp_sb3.config.TaskConfig`."""
+    parts = (name.split(".") for name in names)
+    candidates = {part[1] for part in parts if part[0] == "ogmp_sb3" and len(part) > 1}
+    return {name for name in candidates if name in RANK or (PACKAGE / f"{name}.py").exists()}
+
+
+def imports(names: set[str], target: str) -> bool:
+    return any(name == target or name.startswith(f"{target}.") for name in names)
+
+
+# `conf` holds Hydra's YAML files; what lies behind the links to tasks, robots and policies is data.
+SOURCES = {
+    module_name(path): path
+    for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("[!_]*/**/*.py")])
+    if path.relative_to(PACKAGE).parts[0] not in {"conf", "tasks", "robots", "policies"}
+}
+IMPORTED = {module: imported_names(path.read_text(encoding="utf-8")) for module, path in SOURCES.items()}
+MODULES = sorted(set(SOURCES) - {"__init__"})
+
+
+def test_imported_names_finds_imports_in_functions_and_relative_ones() -> None:
+    source = (
+        "import numpy as np\n"
+        "from . import srb\n"
+        "from .config import load_task\n"
+        "from ogmp_sb3 import view\n"
+        "def late():\n"
+        "    import ogmp_sb3.env\n"
+        "    import mujoco\n"
+        "    return mujoco.batch.Batch\n"
+    )
+    names = imported_names(source)
+    assert {"numpy", "mujoco", "mujoco.batch"} <= names
+    assert imported_modules(names) == {"srb", "config", "view", "env"}
+
+
+def test_every_module_has_a_place_in_the_order() -> None:
+    unplaced = sorted(set(MODULES) - set(RANK))
+    assert not unplaced, (
+        f"{', '.join(unplaced)}: place each new module in LAYERS of tests/{Path(__file__).name}, "
+        "to the right of all that it imports"
+    )
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_from_its_left(module: str) -> None:
+    if module not in RANK:
+        pytest.skip("has no place in the order, as another test reports")
+    imported = imported_modules(IMPORTED[module])
+    right = {name for name in imported if RANK.get(name, len(LAYERS)) > RANK[module]}
+    assert not right, f"{module} imports {', '.join(sorted(right))}, which stand to its right"
+
+
+def test_imports_have_no_cycle() -> None:
+    graph = {module: imported_modules(IMPORTED[module]) for module in MODULES}
+    graphlib.TopologicalSorter(graph).prepare()
+
+
+def test_package_itself_imports_no_program() -> None:
+    programs = imported_modules(IMPORTED["__init__"]) & PROGRAMS
+    assert not programs, f"ogmp_sb3/__init__.py imports {', '.join(sorted(programs))}"
+
+
+@pytest.mark.parametrize("target", SOLE_IMPORTERS)
+def test_heavy_import_stays_in_its_place(target: str) -> None:
+    importers = {module for module, names in IMPORTED.items() if imports(names, target)}
+    strangers = importers - SOLE_IMPORTERS[target]
+    allowed = ", ".join(sorted(SOLE_IMPORTERS[target]))
+    assert not strangers, f"{', '.join(sorted(strangers))} import {target}; only {allowed} may"
+
+
+@pytest.mark.parametrize("module", ["__init__", *MODULES])
+def test_every_import_is_a_declared_requirement(module: str) -> None:
+    config = setup_cfg()
+    declared = {requirement_name(line) for line in listed(config["options"]["install_requires"])}
+    tops = {name.split(".")[0] for name in IMPORTED[module]} - set(sys.stdlib_module_names) - {"ogmp_sb3"}
+    missing = {name for name in tops if DISTRIBUTIONS.get(name, name).lower() not in declared}
+    assert not missing, f"{module} imports {', '.join(sorted(missing))}: add to install_requires in setup.cfg"
+
+
+def test_version_is_the_same_everywhere() -> None:
+    version = setup_cfg()["metadata"]["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## [{version}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert getattr(ogmp_sb3, "__version__", version) == version
+
+
+def test_constraints_pin_every_requirement() -> None:
+    pins = listed((ROOT / "constraints.txt").read_text(encoding="utf-8"))
+    pinned = {requirement_name(line) for line in pins if not line.startswith("#")}
+    required = {requirement_name(line) for line in listed(setup_cfg()["options"]["install_requires"])}
+    assert required <= pinned
+
+
+@pytest.mark.parametrize(("name", "target"), console_scripts().items())
+def test_console_script_loads(name: str, target: str) -> None:
+    try:
+        distribution = importlib.metadata.distribution("ogmp_sb3")
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("ogmp_sb3 is importable here but not installed")
+    installed = {entry.name: entry for entry in distribution.entry_points if entry.group == "console_scripts"}
+    assert name in installed, "setup.cfg has changed since the package was installed: install it again"
+    assert installed[name].value == target
+    assert callable(installed[name].load())
+
+
+def test_package_is_marked_as_typed() -> None:
+    assert (PACKAGE / "py.typed").is_file()
+
+
+@pytest.mark.parametrize(
+    "path", ["tasks/parkour.yaml", "tasks/dive.yaml", "robots/hector/hector.xml", "robots/hector/robot.yaml"]
+)
+def test_data_file_lies_in_the_package(path: str) -> None:
+    assert (PACKAGE / path).is_file()
+
+
+def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
+    if importlib.util.find_spec("setuptools") is None or importlib.util.find_spec("pip") is None:
+        pytest.skip("building a wheel needs pip and setuptools: install the extra 'dev'")
+    # A build leaves files beside the sources, and takes old ones from there: work on a copy.
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("setup.cfg", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy2(ROOT / name, source)
+    for name in ("ogmp_sb3", "tasks", "robots", "policies"):
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index"]
+    built = subprocess.run(
+        [*command, "--wheel-dir", str(tmp_path), str(source)], capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        held = set(archive.namelist())
+    expected = {f"ogmp_sb3/{path.relative_to(PACKAGE).as_posix()}" for path in SOURCES.values()}
+    expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml"}
+    for folder, patterns in {"tasks": ("*.yaml",), "robots": ("*.xml", "*.yaml"), "policies": ("*",)}.items():
+        files = (path for pattern in patterns for path in (ROOT / folder).rglob(pattern) if path.is_file())
+        expected |= {f"ogmp_sb3/{path.relative_to(ROOT).as_posix()}" for path in files}
+    assert {"ogmp_sb3/tasks/parkour.yaml", "ogmp_sb3/robots/hector/hector.xml"} <= expected
+    assert expected <= held, f"missing in the wheel: {sorted(expected - held)}"
+    assert not [name for name in held if name.startswith(("tests/", "tasks/", "robots/", "docs/"))]
