@@ -1,0 +1,519 @@
+"""What a task file and a robot file say, as frozen, validated dataclasses. ``load_task`` is the one door."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from ogmp_sb3 import registry
+from ogmp_sb3.registry import Registry, did_you_mean
+from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.srb import INPUT_NAMES, SRB, STATE_NAMES
+
+PACKAGE = Path(__file__).parent
+TASKS_DIR = PACKAGE / "tasks"
+ROBOTS_DIR = PACKAGE / "robots"
+
+
+def _positive(name: str, value: float) -> None:
+    if not value > 0:
+        raise ValueError(f"'{name}' must be above 0, found {value:g}.")
+
+
+@dataclass(frozen=True)
+class Range:
+    """One mode parameter: a fixed value, a uniform range, or a set of words."""
+
+    low: float = 0.0
+    """least value"""
+    high: float = 0.0
+    """greatest value; equal to ``low`` for a fixed parameter"""
+    words: tuple[str, ...] = ()
+    """the choices of a parameter that is a word, e.g. a direction"""
+
+    @classmethod
+    def from_data(cls, data: Any, where: Where) -> Range:
+        """Read ``0.8``, ``[0.2, 0.35]``, ``front`` or ``[front, back]``."""
+        if isinstance(data, str):
+            data = [data]
+        if isinstance(data, list) and data and all(isinstance(d, str) for d in data):
+            return cls(words=tuple(data))
+        if isinstance(data, list):
+            low, high = read(tuple[float, float], data, where)
+            if low > high:
+                raise ValueError(f"{where} is a reversed range: {low} > {high} (write it as [low, high]).")
+            return cls(low, high)
+        value = read(float, data, where)
+        return cls(value, value)
+
+    def towards(self, other: Range, share: float) -> Range:
+        """The range that lies ``share`` of the way (0 to 1) from this one to ``other``."""
+        if self.words:
+            return other
+        return Range(self.low + share * (other.low - self.low), self.high + share * (other.high - self.high))
+
+    def corners(self) -> tuple[float | str, ...]:
+        """The extreme values."""
+        return self.words or (self.low, self.high)
+
+
+ModeRanges = dict[str, dict[str, Range]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotConfig:
+    """``robots/<name>/robot.yaml``."""
+
+    name: str
+    """name of the robot"""
+    mjcf: str
+    """MJCF file, relative to the YAML"""
+    source: str
+    """where the numbers come from"""
+    base: str
+    """the body with the free joint; its origin is p in the paper's reward"""
+    joints: tuple[str, ...]
+    """actuated joints, in the order of actions and observations; actuators have the same names"""
+    feet: tuple[str, ...]
+    """bodies that may touch the ground"""
+    nominal_height: float
+    """base above flat ground in the nominal pose, m"""
+    nominal_joints: tuple[float, ...]
+    """joint positions of the nominal pose, rad"""
+    leg_length: float
+    """for the Froude number, m"""
+    srb: SRB
+    """single rigid body of the oracles"""
+    path: Path = field(default=Path(), metadata={"internal": True})
+    """the YAML file"""
+
+    def __post_init__(self) -> None:
+        if len(self.nominal_joints) != len(self.joints):
+            raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
+        for name in ("nominal_height", "leg_length"):
+            _positive(name, getattr(self, name))
+
+    @property
+    def mjcf_path(self) -> Path:
+        """The MJCF file."""
+        return self.path.parent / self.mjcf
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplingConfig:
+    """How a task variant is drawn from the modes, Psi_T = Psi_M^N."""
+
+    order: Literal["random", "sequence"] = "random"
+    """``random``: modes follow each other at random, without end; ``sequence``: in the given order"""
+    weights: dict[str, float] = field(default_factory=dict)
+    """random: relative frequency of each mode (1 if not given)"""
+    sequence: tuple[str, ...] = ()
+    """sequence: the modes in order"""
+    repeat: Literal["all", "last"] = "last"
+    """sequence: what comes after its end"""
+
+    def __post_init__(self) -> None:
+        if self.order == "sequence" and not self.sequence:
+            raise ValueError("order: sequence needs a sequence of modes.")
+        if any(w < 0 for w in self.weights.values()):
+            raise ValueError("weights must not be negative.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurriculumConfig:
+    """A schedule on Psi_M, driven by success: each environment has a level from 0 to 1 of its own.
+
+    Level 0 samples the weights and ranges given here, level 1 those of the task, levels between them lie between.
+    """
+
+    modes: ModeRanges = field(default_factory=dict)
+    """mode parameters at level 0, where they differ from the task's"""
+    weights: dict[str, float] = field(default_factory=dict)
+    """mode frequencies at level 0, where they differ from the task's"""
+    step: float = 0.05
+    """change of level after an episode"""
+    raise_above: float = 0.8
+    """an episode that lasts longer than this share of its time limit raises the level"""
+    lower_below: float = 0.3
+    """a shorter one lowers it"""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lower_below <= self.raise_above <= 1:
+            raise ValueError("0 <= lower_below <= raise_above <= 1 must hold.")
+        _positive("step", self.step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackConfig:
+    """The ground that the modes' terrain is built on."""
+
+    width: float = 2.0
+    """m; nothing lies beside the track"""
+    length: float | None = None
+    """m; flat ground follows. null: endless"""
+    boxes: int = 16
+    """terrain boxes of each simulation, recycled ahead of the robot"""
+
+    def __post_init__(self) -> None:
+        _positive("width", self.width)
+        if self.length is not None:
+            _positive("length", self.length)
+        if self.boxes < 2:
+            raise ValueError(f"boxes must be at least 2, found {self.boxes}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitConfig:
+    """How set-points cross ground: hops of half stance and half flight."""
+
+    height: float = 0.55
+    """base above the ground in the set-points, m"""
+    cycle: float = 0.25
+    """duration of a hop, s; rounded so that a whole number fits the stretch"""
+
+    def __post_init__(self) -> None:
+        _positive("height", self.height)
+        _positive("cycle", self.cycle)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionConfig:
+    """Joint-position targets: nominal pose + scale * action, action in [-1, 1]."""
+
+    scale: float = 2.0
+    """rad"""
+    noise: float = 0.165
+    """initial standard deviation of the exploration noise, rad"""
+
+    def __post_init__(self) -> None:
+        _positive("scale", self.scale)
+        _positive("noise", self.noise)
+
+
+Terms = dict[str, dict[str, Any] | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationConfig:
+    """The test protocol. The bound and the reward floor are off."""
+
+    episode_steps: int = 400
+    """time limit, control steps"""
+    track_length: float | None = None
+    """m; flat ground follows"""
+    terminations: Terms = field(default_factory=dict)
+    """what ends an episode before the time limit"""
+    metrics: tuple[str, ...] = ()
+    """names of metrics to report"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskConfig:
+    """``tasks/<name>.yaml``: everything that defines a task. Only data."""
+
+    description: str
+    """one sentence"""
+    robot: str
+    """name of a shipped robot, or path of a robot.yaml (relative to the task file)"""
+    control_dt: float
+    """s"""
+    physics_dt: float
+    """s"""
+    episode_steps: int
+    """time limit in training, control steps"""
+    modes: dict[str, dict[str, Range] | None]
+    """mode -> parameter -> value, [low, high] or words; null removes a mode"""
+    sampling: SamplingConfig = SamplingConfig()
+    """how modes follow each other"""
+    curriculum: CurriculumConfig | None = None
+    """schedule on the modes and their ranges, null = off"""
+    track: TrackConfig = TrackConfig()
+    """the ground"""
+    gait: GaitConfig = GaitConfig()
+    """set-points while crossing ground"""
+    oracle: str
+    """name of an oracle"""
+    oracle_params: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """oracle -> its parameters"""
+    feedback: tuple[str, ...]
+    """states the oracle takes from the robot at a query; the others start at 0"""
+    horizon: int | None
+    """control steps between oracle queries; null: one query per (timed) mode"""
+    rho: float | None
+    """permissible-state bound; null: off (unguided PPO)"""
+    bound: dict[str, float]
+    """diagonal of W by state name; states not named have weight 0"""
+    min_step_reward: float | None = None
+    """an episode also ends when a step's reward falls below this; null: off"""
+    action: ActionConfig = ActionConfig()
+    """what the policy commands"""
+    observations: Terms
+    """observation terms in order, with parameters; null removes one"""
+    rewards: Terms
+    """reward terms with parameters; null removes one"""
+    terminations: Terms = field(default_factory=dict)
+    """termination terms in training, besides the bound, the reward floor and the time limit"""
+    evaluation: EvaluationConfig = EvaluationConfig()
+    """the test protocol"""
+    objective: str
+    """the task's true objective J"""
+    name: str = field(default="task", metadata={"internal": True})
+    """file name without ending"""
+    file: str = field(default="task", metadata={"internal": True})
+    """the file, for messages"""
+    robot_config: RobotConfig = field(default=None, metadata={"internal": True})  # type: ignore[assignment]
+    """the robot"""
+
+    def __post_init__(self) -> None:
+        _positive("control_dt", self.control_dt)
+        _positive("physics_dt", self.physics_dt)
+        ratio = self.control_dt / self.physics_dt
+        if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
+            raise ValueError(f"control_dt / physics_dt must be a whole number, found {ratio:g}.")
+        if self.episode_steps < 1:
+            raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
+        if self.horizon is not None and self.horizon < 1:
+            raise ValueError(f"'horizon' must be at least 1 control step or null, found {self.horizon}.")
+        if self.rho is not None and self.rho <= 0:
+            raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control step."""
+        return round(self.control_dt / self.physics_dt)
+
+    @property
+    def mode_ranges(self) -> ModeRanges:
+        """The modes in use and their parameters."""
+        return {name: ranges for name, ranges in self.modes.items() if ranges is not None}
+
+    @property
+    def bound_weights(self) -> tuple[float, ...]:
+        """Diagonal of W, length 12."""
+        return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
+
+    def for_evaluation(self) -> TaskConfig:
+        """This task under its test protocol: no bound, no reward floor, no curriculum."""
+        return replace(
+            self,
+            rho=None,
+            min_step_reward=None,
+            curriculum=None,
+            terminations=self.evaluation.terminations,
+            episode_steps=self.evaluation.episode_steps,
+            track=replace(self.track, length=self.evaluation.track_length),
+        )
+
+
+def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
+    """Read and check a task: the one door for YAML, overrides and keyword arguments alike.
+
+    :param name_or_path: a shipped task (``"parkour"``) or the path of a YAML file
+    :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
+    :raises ValueError: for a value that is out of range or a file that cannot be read
+    :raises KeyError: for an unknown or missing name
+    :raises TypeError: for a value of the wrong type
+    """
+    path = task_path(name_or_path)
+    data = read_yaml(path)
+    for key, value in _override_items(overrides, str(path)):
+        _set(data, key, value, str(path))
+    return task_from_data(data, path)
+
+
+def task_from_data(data: Mapping[str, Any], path: Path) -> TaskConfig:
+    """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`."""
+    where = Where(_shown(path))
+    task = read(TaskConfig, dict(data), where)
+    robot = load_robot(task.robot, path.parent)
+    task = replace(task, name=path.stem, file=where.file, robot_config=robot)
+    _check_modes(task, where)
+    _check_oracle(task, where)
+    _check_names(task.bound, STATE_NAMES, where / "bound")
+    _check_names(task.feedback, STATE_NAMES, where / "feedback")
+    if any(w < 0 for w in task.bound.values()) or not any(task.bound.values()):
+        raise ValueError(f"{where / 'bound'} needs weights of at least 0, not all of them 0.")
+    _check_terms(task.observations, registry.observations, where / "observations")
+    _check_terms(task.rewards, registry.rewards, where / "rewards")
+    _check_terms(task.terminations, registry.terminations, where / "terminations")
+    _check_terms(task.evaluation.terminations, registry.terminations, where / "evaluation.terminations")
+    _check_terms({m: {} for m in task.evaluation.metrics}, registry.metrics, where / "evaluation.metrics")
+    _check_terms({task.objective: {}}, registry.objectives, where / "objective")
+    if not any(p is not None for p in task.observations.values()):
+        raise ValueError(f"{where / 'observations'} names no observation.")
+    return task
+
+
+def task_path(name_or_path: str | Path) -> Path:
+    """Where a task's YAML is.
+
+    :raises ValueError: if there is no such file
+    :raises KeyError: if there is no shipped task of this name
+    """
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")) or "/" in text:
+        path = Path(text)
+        if not path.is_file():
+            raise ValueError(f"{text}: no such file.")
+        return path
+    path = TASKS_DIR / f"{text}.yaml"
+    if not path.is_file():
+        raise KeyError(f"unknown task '{text}'{did_you_mean(text, task_names())} Or give the path of a YAML file.")
+    return path
+
+
+def task_names() -> list[str]:
+    """The shipped tasks."""
+    return sorted(p.stem for p in TASKS_DIR.glob("*.yaml"))
+
+
+def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
+    """Read and check a robot file. Raises as :func:`load_task`.
+
+    :param name_or_path: a shipped robot (``"hector"``) or the path of a robot.yaml
+    :param relative_to: directory that a relative path starts from
+    """
+    if name_or_path.endswith((".yaml", ".yml")):
+        path = relative_to / name_or_path
+    else:
+        path = ROBOTS_DIR / name_or_path / "robot.yaml"
+        if not path.is_file():
+            names = [p.parent.name for p in ROBOTS_DIR.glob("*/robot.yaml")]
+            raise KeyError(f"unknown robot '{name_or_path}'{did_you_mean(name_or_path, names)}")
+    robot = read(RobotConfig, read_yaml(path), Where(_shown(path)))
+    return replace(robot, path=path)
+
+
+def _check_modes(task: TaskConfig, where: Where) -> None:
+    if not task.mode_ranges:
+        raise ValueError(f"{where / 'modes'} names no mode.")
+    _check_ranges(task.mode_ranges, where / "modes", complete=True)
+    _check_names(task.sampling.weights, task.mode_ranges, where / "sampling.weights")
+    _check_names(task.sampling.sequence, task.mode_ranges, where / "sampling.sequence")
+    weights = [task.sampling.weights.get(m, 1.0) for m in task.mode_ranges]
+    if task.sampling.order == "random" and not any(weights):
+        raise ValueError(f"{where / 'sampling.weights'} gives every mode the weight 0.")
+    if task.curriculum is None:
+        return
+    inside = where / "curriculum"
+    _check_names(task.curriculum.modes, task.mode_ranges, inside / "modes")
+    _check_ranges(task.curriculum.modes, inside / "modes", complete=False)
+    _check_names(task.curriculum.weights, task.mode_ranges, inside / "weights")
+    start = [task.curriculum.weights.get(m, task.sampling.weights.get(m, 1.0)) for m in task.mode_ranges]
+    if not any(w > 0 for w in start):
+        raise ValueError(f"{inside / 'weights'} gives every mode the weight 0.")
+
+
+def _check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
+    for name, ranges in modes.items():
+        with _located(where):
+            parameters = registry.modes.parameters(name)
+        with _located(where / name):
+            if complete:
+                registry.modes.check(name, ranges)
+            else:
+                _check_names(ranges, parameters, where / name)
+        for key, range_ in ranges.items():
+            annotation = parameters[key].annotation
+            words = getattr(annotation, "__args__", ())
+            if bool(words) != bool(range_.words):
+                expected = f"one of {', '.join(words)}" if words else "a number or [low, high]"
+                raise TypeError(f"{where / name / key} must be {expected}.")
+            _check_names(range_.words, words, where / name / key)
+            for corner in range_.corners():
+                if not words and not (math.isfinite(float(corner)) and float(corner) >= 0):
+                    raise ValueError(f"{where / name / key} must be at least 0, found {corner}.")
+
+
+def _check_oracle(task: TaskConfig, where: Where) -> None:
+    with _located(where / "oracle"):
+        registry.oracles.get(task.oracle)
+    for name, parameters in task.oracle_params.items():
+        _check_terms({name: parameters}, registry.oracles, where / "oracle_params")
+        for key, allowed in (("Q", STATE_NAMES), ("R", INPUT_NAMES)):
+            if isinstance(parameters.get(key), Mapping):
+                _check_names(parameters[key], allowed, where / "oracle_params" / name / key)
+    if task.oracle not in task.oracle_params:
+        _check_terms({task.oracle: {}}, registry.oracles, where / "oracle_params")
+
+
+def _check_terms(terms: Mapping[str, Any], kinds: Registry[Any], where: Where) -> None:
+    for name, given in terms.items():
+        with _located(where):
+            parameters = kinds.parameters(name)
+        if given is None:
+            continue
+        with _located(where / name):
+            kinds.check(name, given)
+        for key, value in given.items():
+            read(parameters[key].annotation, value, where / name / key)
+
+
+def _check_names(found: Iterable[str], allowed: Iterable[str], where: Where) -> None:
+    allowed = list(allowed)
+    for name in found:
+        if name not in allowed:
+            raise KeyError(f"{where} has '{name}'{did_you_mean(name, allowed)}")
+
+
+class _located:
+    """Puts the place in front of an error's message."""
+
+    def __init__(self, where: Where) -> None:
+        self.where = where
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if isinstance(error, KeyError | ValueError) and error.args:
+            raise type(error)(f"{self.where}: {error.args[0]}") from None
+
+
+def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
+    if isinstance(overrides, Mapping):
+        yield from overrides.items()
+        return
+    for text in overrides:
+        key, sign, value = str(text).partition("=")
+        if not sign or not key:
+            raise ValueError(f"{file}: override '{text}' must have the form key=value.")
+        try:
+            yield key, yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise ValueError(f"{file}: override '{text}' has a value that is not YAML.") from None
+
+
+def _set(data: dict[str, Any], key: str, value: Any, file: str) -> None:
+    """Set a dotted key; the groups it goes through must exist (a term may be new)."""
+    *groups, last = key.split(".")
+    node = data
+    for depth, group in enumerate(groups):
+        if not isinstance(node.get(group), dict):
+            if group in node:
+                node[group] = {}
+            else:
+                found = ".".join(groups[: depth + 1])
+                close = difflib.get_close_matches(group, [str(k) for k in node], n=1)
+                hint = f" Did you mean '{close[0]}'?" if close else ""
+                raise KeyError(f"{file}: '{found}' is not a known key (allowed: {', '.join(map(str, node))}).{hint}")
+        node = node[group]
+    if isinstance(value, Mapping) and isinstance(node.get(last), dict):
+        for inner, inner_value in value.items():
+            _set(node[last], str(inner), inner_value, file)
+    else:
+        node[last] = value
+
+
+def _shown(path: Path) -> str:
+    """A path as a message shows it: shipped files by their short name."""
+    try:
+        return str(path.resolve().relative_to(PACKAGE.resolve().parent))
+    except ValueError:
+        return str(path)

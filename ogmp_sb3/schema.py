@@ -1,0 +1,144 @@
+"""Strict reading of YAML data into frozen dataclasses: every mistake is one sentence with file and key.
+
+A dataclass's annotations are its schema. Supported: ``bool``, ``int``, ``float``, ``str``, ``X | None``,
+``tuple[X, ...]``, ``tuple[X, Y, Z]``, ``dict[str, X]``, ``Literal``, nested dataclasses, and any class with a
+``from_data(data, where)`` class method.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from ogmp_sb3.registry import did_you_mean
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place in a file, for messages."""
+
+    file: str
+    key: str = ""
+
+    def __truediv__(self, key: object) -> Where:
+        return Where(self.file, f"{self.key}.{key}" if self.key else str(key))
+
+    def __str__(self) -> str:
+        return f"{self.file}: '{self.key}'" if self.key else self.file
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read one YAML file as plain data. Only data: no tags, no code, and a key given twice is an error.
+
+    :raises ValueError: if the file is missing, is not YAML, or is not a mapping
+    """
+    try:
+        data = OmegaConf.to_container(OmegaConf.load(path))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file.") from None
+    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: expected a mapping at the top, found {_describe(data)}.")
+    return typing.cast(dict[str, Any], data)
+
+
+def read(kind: type[T], data: Any, where: Where) -> T:
+    """Turn plain data into a value of a type, strictly.
+
+    :param kind: the annotation to satisfy
+    :param data: what the YAML holds
+    :param where: for messages
+    :raises KeyError: for an unknown or a missing key
+    :raises TypeError: for a value of the wrong type
+    :raises ValueError: for a value outside its range
+    """
+    return typing.cast(T, _read(kind, data, where))
+
+
+def _read(kind: Any, data: Any, where: Where) -> Any:
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any:
+        return data
+    if origin in (types.UnionType, typing.Union):
+        if data is None and type(None) in arguments:
+            return None
+        inner = [a for a in arguments if a is not type(None)]
+        fitting = [a for a in inner if type(data) is a] or inner[:1]
+        return _read(fitting[0], data, where)
+    if origin is typing.Literal:
+        if data not in arguments:
+            raise ValueError(f"{where} is {_describe(data)}{did_you_mean(data, map(str, arguments))}")
+        return data
+    if origin is dict:
+        return {str(k): _read(arguments[1], v, where / k) for k, v in _mapping(data, where).items()}
+    if origin is tuple:
+        return _read_tuple(arguments, data, where)
+    if hasattr(kind, "from_data"):
+        return kind.from_data(data, where)
+    if dataclasses.is_dataclass(kind):
+        return _read_dataclass(kind, data, where)
+    return _read_scalar(kind, data, where)
+
+
+def _read_tuple(arguments: tuple[Any, ...], data: Any, where: Where) -> tuple[Any, ...]:
+    if not isinstance(data, list | tuple):
+        raise TypeError(f"{where} must be a list, found {_describe(data)}.")
+    if len(arguments) == 2 and arguments[1] is Ellipsis:
+        arguments = (arguments[0],) * len(data)
+    if len(arguments) != len(data):
+        raise ValueError(f"{where} must have {len(arguments)} entries, found {len(data)}.")
+    return tuple(_read(a, d, where / i) for i, (a, d) in enumerate(zip(arguments, data, strict=True)))
+
+
+def _read_dataclass(kind: Any, data: Any, where: Where) -> Any:
+    data = _mapping(data, where)
+    hints = typing.get_type_hints(kind)
+    fields = {f.name: f for f in dataclasses.fields(kind) if f.init and not f.metadata.get("internal")}
+    for key in data:
+        if key not in fields:
+            raise KeyError(f"{where / key} is not a known key{did_you_mean(key, fields)}")
+    for name, field in fields.items():
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if required and name not in data:
+            raise KeyError(f"{where / name} is missing: the file must give it.")
+    values = {name: _read(hints[name], data[name], where / name) for name in fields if name in data}
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _read_scalar(kind: Any, data: Any, where: Where) -> Any:
+    words = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+    if kind is float and isinstance(data, int) and not isinstance(data, bool):
+        data = float(data)
+    if not isinstance(data, kind) or (kind is int and isinstance(data, bool)):
+        raise TypeError(f"{where} must be {words[kind]}, found {_describe(data)}.")
+    if kind is float and not math.isfinite(data):
+        raise ValueError(f"{where} must be finite, found {data}.")
+    return data
+
+
+def _mapping(data: Any, where: Where) -> dict[Any, Any]:
+    if not isinstance(data, dict):
+        raise TypeError(f"{where} must be a mapping, found {_describe(data)}.")
+    return data
+
+
+def _describe(data: Any) -> str:
+    names = {dict: "a mapping", list: "the list", str: "the text", bool: "the value", type(None): "nothing (null)"}
+    if isinstance(data, dict) or data is None:
+        return names[type(data)]
+    return f"{names.get(type(data), 'the number')} {data!r}"

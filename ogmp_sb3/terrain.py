@@ -1,0 +1,103 @@
+"""Terrain as boxes: what modes ask for, where the ground is, and which boxes each simulation gets.
+
+A terrain is an array of boxes, shape (num_envs, boxes, 5), with the columns ``x0, x1, y0, y1, top`` (m, world).
+Unused boxes have ``top = NOTHING``. Boxes may overlap; the highest one counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+X0, X1, Y0, Y1, TOP = range(5)
+NOTHING = -50.0  # m: height where there is no ground, and where unused boxes wait
+BOX_DEPTH = 2.0  # m: vertical extent of a terrain box
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """A flat piece of ground that a mode asks for, relative to where the mode starts."""
+
+    start: float
+    """m along the track"""
+    end: float
+    """m along the track"""
+    top: float
+    """m above the track's zero level"""
+    half_width: float | None = None
+    """m; None: as wide as the track"""
+
+    def box(self, offset: float, track_half_width: float) -> tuple[float, float, float, float, float]:
+        """The box of this plateau for a mode that starts at ``offset`` (m)."""
+        half_width = track_half_width if self.half_width is None else self.half_width
+        return (offset + self.start, offset + self.end, -half_width, half_width, self.top)
+
+
+def empty_terrain(num_envs: int, boxes: int) -> np.ndarray:
+    """A terrain without ground, shape (num_envs, boxes, 5)."""
+    terrain = np.zeros((num_envs, boxes, 5))
+    terrain[..., TOP] = NOTHING
+    return terrain
+
+
+def height_at(terrain: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Height of the ground at points.
+
+    :param terrain: shape (num_envs, boxes, 5)
+    :param xy: world positions, shape (num_envs, points, 2), m
+    :return: shape (num_envs, points), m; ``NOTHING`` beside the track
+    """
+    x, y = xy[:, :, None, 0], xy[:, :, None, 1]
+    box = terrain[:, None]
+    inside = (x >= box[..., X0]) & (x < box[..., X1]) & (y >= box[..., Y0]) & (y < box[..., Y1])
+    return np.where(inside, box[..., TOP], NOTHING).max(axis=-1)
+
+
+def scan_points(position: np.ndarray, points: int, spacing: float) -> np.ndarray:
+    """The points of a terrain scan: along +x of the world from the base, starting under it.
+
+    :param position: base position, shape (num_envs, 3), m
+    :return: shape (num_envs, points, 2), m
+    """
+    xy = np.repeat(position[:, None, :2], points, axis=1)
+    xy[..., 0] += spacing * np.arange(points)
+    return xy
+
+
+def place(terrain: np.ndarray, row: int, boxes: list[tuple[float, ...]], keep_from: float) -> bool:
+    """Add boxes to one environment, in place; boxes that end behind ``keep_from`` make room.
+
+    A box that continues the last one at the same height extends it, so that flat ground has no seams.
+
+    :param terrain: shape (num_envs, boxes, 5)
+    :param row: the environment
+    :param boxes: new boxes in order along the track
+    :param keep_from: m along the track
+    :return: False if there is no room
+    """
+    kept = [tuple(b) for b in terrain[row] if b[TOP] > NOTHING and b[X1] > keep_from]
+    for box in boxes:
+        last = kept[-1] if kept else None
+        if last is not None and last[X1] == box[X0] and last[Y0:] == tuple(box[Y0:]):
+            kept[-1] = (last[X0], box[X1], *last[Y0:])
+        elif box[X1] > box[X0]:
+            kept.append(tuple(box))
+    if len(kept) > terrain.shape[1]:
+        return False
+    terrain[row, : len(kept)] = kept
+    terrain[row, len(kept) :] = (0.0, 0.0, 0.0, 0.0, NOTHING)
+    return True
+
+
+def geom_boxes(terrain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """MuJoCo's box geoms of a terrain.
+
+    :param terrain: shape (..., 5)
+    :return: centres and half sizes, each of shape (..., 3), m
+    """
+    lower, upper = terrain[..., [X0, Y0]], terrain[..., [X1, Y1]]
+    centre, half = np.empty((*terrain.shape[:-1], 3)), np.empty((*terrain.shape[:-1], 3))
+    centre[..., :2], half[..., :2] = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-3)
+    centre[..., 2], half[..., 2] = terrain[..., TOP] - 0.5 * BOX_DEPTH, 0.5 * BOX_DEPTH
+    return centre, half
