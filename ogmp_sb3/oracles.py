@@ -1,0 +1,254 @@
+"""Oracles: from set-points and the robot's present state to a reference (paper, eq:oracle_def).
+
+``linear`` interpolates and knows no dynamics. ``lqr`` and ``preview`` forward-simulate the single rigid body of
+:mod:`ogmp_sb3.srb` under the input of a quadratic tracker whose reference is the set-points; in flight the input
+is zero. Only ``preview`` sees what is coming. An oracle knows no mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numba
+import numpy as np
+
+from ogmp_sb3.reference import Reference, SetPoints
+from ogmp_sb3.registry import oracles
+from ogmp_sb3.riccati import TrackingGains, tracking_gains
+from ogmp_sb3.srb import GRAVITY, INPUT_NAMES, OMEGA, POS, RPY, SRB, STATE_NAMES, STATE_SIZE, VEL, srb_dynamics
+
+Oracle = Callable[[SetPoints, np.ndarray], Reference]
+
+ORIENTATION_STEP = 0.05  # rad: mean orientations of contact segments are rounded to this, so that gains are reused
+FEET = 2
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What an oracle plans with."""
+
+    srb: SRB
+    """single rigid body"""
+    dt: float
+    """control step = distance of knots, s"""
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """The linear-quadratic tracking problem of one contact segment, in terms of the total force and moment.
+
+    Both feet enter the model alike, so each carries half of the total: 6 inputs with half the weight of one foot
+    give the same trajectory as 12.
+    """
+
+    A: np.ndarray
+    """shape (12, 12)"""
+    B: np.ndarray
+    """shape (12, 6)"""
+    d: np.ndarray
+    """gravity, shape (12,)"""
+    K: np.ndarray
+    """stationary feedback, shape (6, 12)"""
+    P: np.ndarray
+    """stationary cost, shape (12, 12)"""
+
+
+@oracles.register()
+def linear(set_points: SetPoints, x0: np.ndarray, plant: Plant) -> Reference:
+    """Interpolate from the present state onto the set-points; velocities are differences of positions.
+
+    :param set_points: what the modes ask for
+    :param x0: state at the query, shape (rows, 12)
+    :param plant: only its time step is used
+    """
+    state = set_points.state.copy()
+    knots = state.shape[1]
+    # The lateral offset goes over the whole horizon, the height over one hop.
+    over = np.array([1.0, set_points.steps.max(), set_points.blend])
+    left = np.maximum(1.0 - np.arange(knots)[:, None] / over, 0.0)
+    left[0] = 1.0
+    state[..., POS] += left * (x0[:, None, POS] - state[:, :1, POS])
+    state[:, 1:, VEL] = np.diff(state[..., POS], axis=1) / plant.dt
+    state[:, 0] = x0
+    return Reference(state, set_points.steps)
+
+
+@oracles.register()
+def lqr(
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+) -> Reference:
+    """Track the present set-point with the stationary LQR gain of each contact segment.
+
+    In stance ``u_k = -K (x_k - r_k) + u_g`` with ``K`` from ``control.dlqr`` and ``u_g`` carrying the weight; where
+    ``r`` is at rest this is the same as holding it constant in :func:`preview`.
+
+    :param set_points: what the modes ask for
+    :param x0: state at the query, shape (rows, 12)
+    :param plant: what to plan with
+    :param Q: tracking weights by state name
+    :param R: input weights of one foot by input name
+    :param eps: weight of every state that Q does not name
+    """
+    index, trackers = _trackers(set_points, plant, _freeze(Q), _freeze(R), eps)
+    hover = np.zeros(6)
+    hover[2] = plant.srb.mass * GRAVITY
+    state = _simulate_lqr(
+        np.stack([t.A for t in trackers]), np.stack([t.B for t in trackers]), trackers[0].d,
+        np.stack([t.K for t in trackers]), hover, index, set_points.stance, set_points.state, x0,
+    )  # fmt: skip
+    return Reference(state, set_points.steps)
+
+
+@oracles.register()
+def preview(
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+) -> Reference:
+    """Track all coming set-points with the least quadratic cost over the horizon (preview control).
+
+    Backward over the horizon from ``P_N = P`` (of ``control.dlqr``) and ``v_N = P r_N``, with ``w = v_{k+1} -
+    P_{k+1} d``, in stance ``u_k = -K_k x_k + (R + B^T P_{k+1} B)^-1 B^T w`` and ``v_k = Q r_k + (A - B K_k)^T w``.
+    Inside a long stance P and K are the stationary ones. In flight the input is zero and the same recursion runs
+    with ``B = 0``, so a stance prepares for the flight after it: the result is the optimum over the whole contact
+    schedule, not just within one segment.
+
+    :param set_points: what the modes ask for
+    :param x0: state at the query, shape (rows, 12)
+    :param plant: what to plan with
+    :param Q: tracking weights by state name
+    :param R: input weights of one foot by input name
+    :param eps: weight of every state that Q does not name
+    """
+    frozen_Q, frozen_R = _freeze(Q), _freeze(R)
+    index, trackers = _trackers(set_points, plant, frozen_Q, frozen_R, eps)
+    upright = _tracker(plant, frozen_Q, frozen_R, eps, (0.0, 0.0, 0.0))
+    state = _simulate_preview(
+        np.stack([t.A for t in trackers]), np.stack([t.B for t in trackers]), upright.d,
+        state_weights(Q, eps), input_weights(R) / FEET, upright.P,
+        index, set_points.stance, set_points.state, set_points.steps, x0,
+    )  # fmt: skip
+    return Reference(state, set_points.steps)
+
+
+def state_weights(Q: dict[str, float], eps: float) -> np.ndarray:
+    """Diagonal of Q, shape (12,): the named weights, ``eps`` elsewhere."""
+    return np.array([max(Q.get(name, 0.0), eps) for name in STATE_NAMES])
+
+
+def input_weights(R: dict[str, float]) -> np.ndarray:
+    """Diagonal of R of one foot, shape (6,)."""
+    return np.array([R[name] for name in INPUT_NAMES])
+
+
+def _freeze(weights: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted(weights.items()))
+
+
+def stationary_gains(
+    plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float, mean_rpy: tuple[float, float, float]
+) -> TrackingGains:
+    """The 12-input gains of one contact segment, straight from python-control."""
+    one_foot = input_weights(R)
+    both = np.concatenate([np.tile(one_foot[:3], FEET), np.tile(one_foot[3:], FEET)])
+    dynamics = srb_dynamics(plant.srb, plant.dt, np.array(mean_rpy))
+    return tracking_gains(dynamics, np.diag(state_weights(Q, eps)), np.diag(both))
+
+
+@lru_cache(maxsize=4096)
+def _tracker(
+    plant: Plant,
+    Q: tuple[tuple[str, float], ...],
+    R: tuple[tuple[str, float], ...],
+    eps: float,
+    mean_rpy: tuple[float, float, float],
+) -> Tracker:
+    dynamics = srb_dynamics(plant.srb, plant.dt, np.array(mean_rpy))
+    gains = stationary_gains(plant, dict(Q), dict(R), eps, mean_rpy)
+    forces, moments = gains.K[:6].reshape(FEET, 3, STATE_SIZE), gains.K[6:].reshape(FEET, 3, STATE_SIZE)
+    total = np.concatenate([forces.sum(axis=0), moments.sum(axis=0)])
+    one_foot = dynamics.B[:, [0, 1, 2, 6, 7, 8]]
+    return Tracker(dynamics.A, np.ascontiguousarray(one_foot), dynamics.d, total, gains.P)
+
+
+def _trackers(
+    set_points: SetPoints,
+    plant: Plant,
+    Q: tuple[tuple[str, float], ...],
+    R: tuple[tuple[str, float], ...],
+    eps: float,
+) -> tuple[np.ndarray, list[Tracker]]:
+    """One tracker for each mean orientation of a span, and which one each step uses, shape (rows, knots)."""
+    rows, knots = set_points.stance.shape
+    index = np.zeros((rows, knots), dtype=np.int64)
+    orientations = [(0.0, 0.0, 0.0)]
+    for row in np.flatnonzero(np.any(set_points.state[..., OMEGA] != 0.0, axis=(1, 2))):
+        rpy = 0.5 * (set_points.state[row, :-1, RPY] + set_points.state[row, 1:, RPY])
+        for span in np.unique(set_points.span[row]):
+            steps = set_points.span[row] == span
+            mean = np.round(rpy[steps].mean(axis=0) / ORIENTATION_STEP) * ORIENTATION_STEP
+            key = (float(mean[0]), float(mean[1]), float(mean[2]))
+            if key not in orientations:
+                orientations.append(key)
+            index[row, steps] = orientations.index(key)
+    return index, [_tracker(plant, Q, R, eps, key) for key in orientations]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-untyped-def]
+    rows, knots = stance.shape
+    state = np.empty((rows, knots + 1, 12))
+    for row in range(rows):
+        state[row, 0] = x0[row]
+        for k in range(knots):
+            i = index[row, k]
+            x = state[row, k]
+            following = A[i] @ x + d
+            if stance[row, k]:
+                following += B[i] @ (hover - K[i] @ (x - r[row, k]))
+            state[row, k + 1] = following
+    return state
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type: ignore[no-untyped-def]
+    rows, knots = stance.shape
+    state = np.empty((rows, knots + 1, 12))
+    K = np.empty((knots, 6, 12))
+    feed_forward = np.empty((knots, 6))
+    for row in range(rows):
+        last = steps[row]
+        P = P_end.copy()
+        v = P @ r[row, last]
+        for k in range(last - 1, -1, -1):
+            i = index[row, k]
+            w = v - P @ d
+            closed_loop = A[i].copy()
+            if stance[row, k]:
+                BtP = B[i].T @ P
+                S = BtP @ B[i]
+                for j in range(6):
+                    S[j, j] += R[j]
+                right = np.empty((6, 13))
+                right[:, :12] = BtP @ A[i]
+                right[:, 12] = B[i].T @ w
+                solved = np.linalg.solve(S, right)
+                K[k] = solved[:, :12]
+                feed_forward[k] = solved[:, 12]
+                closed_loop -= B[i] @ K[k]
+            v = closed_loop.T @ w
+            P = A[i].T @ P @ closed_loop
+            for j in range(12):
+                v[j] += Q[j] * r[row, k, j]
+                P[j, j] += Q[j]
+            P = 0.5 * (P + P.T)
+        state[row, 0] = x0[row]
+        for k in range(last):
+            i = index[row, k]
+            following = A[i] @ state[row, k] + d
+            if stance[row, k]:
+                following += B[i] @ (feed_forward[k] - K[k] @ state[row, k])
+            state[row, k + 1] = following
+        for k in range(last, knots):
+            state[row, k + 1] = state[row, last]
+    return state

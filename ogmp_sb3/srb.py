@@ -1,0 +1,76 @@
+"""The single rigid body (SRB) the oracles plan with (paper, eq:srb and eq:ssm).
+
+State ``x = [rpy, position, omega, velocity]`` (12; rad, m, rad/s, m/s; world frame), input
+``u = [f_1, f_2, tau_1, tau_2]`` (12; N, N m): one force and one overall moment per foot, acting at the centre of
+mass, so that the dynamics do not depend on where the feet stand. The paper's 13th state, gravity, is here the
+affine term ``d``: ``x_{k+1} = A x_k + B u_k + d``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ogmp_sb3.rotations import rpy_rate_matrix, rpy_to_matrix
+
+GRAVITY = 9.81  # m/s^2
+STATE_SIZE = 12
+STATE_NAMES = ("roll", "pitch", "yaw", "x", "y", "z", "wx", "wy", "wz", "vx", "vy", "vz")
+RPY, POS, OMEGA, VEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+INPUT_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SRB:
+    """Mass properties of the single rigid body."""
+
+    mass: float
+    """kg"""
+    inertia: tuple[float, float, float]
+    """about the centre of mass, body axes, kg m^2"""
+
+
+@dataclass(frozen=True)
+class SRBDynamics:
+    """``x_{k+1} = A x_k + B u_k + d`` over one control step."""
+
+    A: np.ndarray
+    """shape (12, 12)"""
+    B: np.ndarray
+    """shape (12, 12)"""
+    d: np.ndarray
+    """gravity, shape (12,)"""
+
+
+def srb_dynamics(srb: SRB, dt: float, mean_rpy: np.ndarray) -> SRBDynamics:
+    """Discretise eq:srb about the mean orientation of a contact segment.
+
+    The rotation and the Euler rate matrix are constant over the segment, as in the paper; the rest is a double
+    integrator, so the zero-order hold used here is exact.
+
+    :param srb: mass properties
+    :param dt: length of a control step, s
+    :param mean_rpy: mean orientation over the segment, shape (3,), rad
+    """
+    rotation = rpy_to_matrix(mean_rpy)
+    inertia_w = rotation @ np.diag(srb.inertia) @ rotation.T
+    rates = rpy_rate_matrix(mean_rpy)
+    inertia_inverse = np.linalg.inv(inertia_w)
+
+    A = np.eye(STATE_SIZE)
+    A[RPY, OMEGA] = dt * rates
+    A[POS, VEL] = dt * np.eye(3)
+
+    B = np.zeros((STATE_SIZE, 12))
+    for foot in range(2):
+        force, moment = slice(3 * foot, 3 * foot + 3), slice(6 + 3 * foot, 9 + 3 * foot)
+        B[POS, force] = 0.5 * dt**2 / srb.mass * np.eye(3)
+        B[VEL, force] = dt / srb.mass * np.eye(3)
+        B[RPY, moment] = 0.5 * dt**2 * rates @ inertia_inverse
+        B[OMEGA, moment] = dt * inertia_inverse
+
+    d = np.zeros(STATE_SIZE)
+    d[POS.start + 2] = -0.5 * GRAVITY * dt**2
+    d[VEL.start + 2] = -GRAVITY * dt
+    return SRBDynamics(A, B, d)
