@@ -1,0 +1,176 @@
+"""BatchEnv as others expect it: ``OgmpVecEnv`` for Stable-Baselines3, ``OgmpEnv`` for Gymnasium."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv
+
+from ogmp_sb3.config import TaskConfig, load_task
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.observations import CLIP
+
+
+def _spaces(env: BatchEnv) -> tuple[spaces.Box, spaces.Box]:
+    bound = (CLIP * env.observation_scale).astype(np.float32)
+    return spaces.Box(-bound, bound, dtype=np.float32), spaces.Box(-1.0, 1.0, (env.action_size,), np.float32)
+
+
+class OgmpVecEnv(VecEnv):
+    """Many environments of a task as one SB3 ``VecEnv``; episodes reset themselves, time-outs are truncations.
+
+    ``infos[i]`` holds ``deviation`` (the weighted norm that the bound is about) and ``termination`` (the rule that
+    ended the episode, empty while it runs); at the end of an episode also ``terminal_observation``,
+    ``TimeLimit.truncated`` and ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
+    ``level``, mean ``deviation`` and the mean per step of each reward term.
+
+    :param task: the task
+    :param num_envs: number of environments
+    :param seed: environment i is seeded with ``seed + i``
+    :param threads: physics threads, 0 for one per CPU
+    """
+
+    def __init__(self, task: TaskConfig, num_envs: int = 64, seed: int = 0, threads: int = 0) -> None:
+        self.batch = BatchEnv(task, num_envs, seed, threads)
+        self.render_mode = None
+        super().__init__(num_envs, *_spaces(self.batch))
+        self._actions = np.zeros((num_envs, self.batch.action_size))
+        self._began = time.perf_counter()
+        self._sums: dict[str, np.ndarray] = {}
+        self._start_x = np.zeros(num_envs)
+
+    def reset(self) -> np.ndarray:
+        for row, seed in enumerate(self._seeds):
+            if seed is not None:
+                self.batch.seed_row(row, seed)
+        self._reset_seeds()
+        self._reset_options()
+        self._sums = {}
+        observation = self.batch.reset()
+        self._start_x = self._x().copy()
+        return observation
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        result = self.batch.step(self._actions)
+        self._add(r=result.reward, deviation=result.view.deviation, **result.reward_terms)
+        dones = result.terminated | result.truncated
+        infos: list[dict[str, Any]] = [
+            {"deviation": d, "termination": t, "TimeLimit.truncated": False}
+            for d, t in zip(result.view.deviation.tolist(), result.termination.tolist(), strict=True)
+        ]
+        observation = result.observation
+        rows = np.flatnonzero(dones)
+        if len(rows):
+            x = self._x()
+            for row in rows:
+                infos[row]["terminal_observation"] = observation[row].copy()
+                infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
+                infos[row]["episode"] = self._summary(row, float(x[row]))
+            for sums in self._sums.values():
+                sums[rows] = 0.0
+            observation = observation.copy()
+            observation[rows] = self.batch.reset(rows)
+            self._start_x[rows] = self._x()[rows]
+        return observation, result.reward.astype(np.float32), dones, infos
+
+    def _x(self) -> np.ndarray:
+        return self.batch.sim.qpos[:, self.batch.sim.base_qpos]
+
+    def _add(self, **values: np.ndarray) -> None:
+        for name, value in values.items():
+            self._sums.setdefault(name, np.zeros(self.num_envs))
+            self._sums[name] += value
+
+    def _summary(self, row: int, x: float) -> dict[str, Any]:
+        length = int(self.batch.step_count[row])
+        sums = {name: float(s[row]) for name, s in self._sums.items()}
+        return {
+            "r": sums.pop("r"),
+            "l": length,
+            "t": round(time.perf_counter() - self._began, 6),
+            "distance": x - float(self._start_x[row]),
+            "level": float(self.batch.level[row]),
+            "modes": len(self.batch.modes[row]),
+            **{name: s / length for name, s in sums.items()},
+        }
+
+    def close(self) -> None:
+        pass
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        return [getattr(self, method_name)(*args, **kwargs) for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        return [None] * self.num_envs
+
+    def _get_indices(self, indices: int | Iterable[int] | None) -> Iterable[int]:
+        if indices is None:
+            return range(self.num_envs)
+        return [indices] if isinstance(indices, int) else indices
+
+
+class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One environment of a task, for Gymnasium.
+
+    :param task: a task, the name of a shipped one, or the path of a YAML file
+    :param overrides: replace values of the task, e.g. ``rho=0.3`` or ``**{"modes.jump.h": 0.2}``
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
+
+    def __init__(self, task: TaskConfig | str | Path = "parkour", **overrides: Any) -> None:
+        if not isinstance(task, TaskConfig):
+            task = load_task(task, overrides)
+        self.batch = BatchEnv(task, num_envs=1, threads=1)
+        self.observation_space, self.action_space = _spaces(self.batch)
+        self.metadata = {"render_modes": [], "render_fps": round(1 / task.control_dt)}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        if seed is not None:
+            self.batch.seed_row(0, seed)
+        return self.batch.reset()[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        result = self.batch.step(np.asarray(action)[None])
+        info = {"deviation": float(result.view.deviation[0]), "termination": str(result.termination[0])}
+        return (
+            result.observation[0],
+            float(result.reward[0]),
+            bool(result.terminated[0]),
+            bool(result.truncated[0]),
+            info,
+        )
+
+
+def make_env(task: str | Path | TaskConfig, num_envs: int = 1, seed: int = 0, **overrides: Any) -> OgmpVecEnv:
+    """Environments of a task for SB3, from its name or file.
+
+    :param task: a shipped task, the path of a YAML file, or a loaded task
+    :param num_envs: number of environments
+    :param seed: environment i is seeded with ``seed + i``
+    :param overrides: replace values of the task, e.g. ``rho=0.3, oracle="lqr"``
+    """
+    if not isinstance(task, TaskConfig):
+        task = load_task(task, overrides)
+    return OgmpVecEnv(task, num_envs, seed)

@@ -1,0 +1,378 @@
+"""BatchEnv: many environments of one task, stepped together. The one stateful class; adapters sit on top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3 import registry
+from ogmp_sb3.config import TaskConfig
+from ogmp_sb3.observations import CLIP, Signal
+from ogmp_sb3.oracles import Oracle, Plant
+from ogmp_sb3.reference import END, SPAN_SIZE, Reference, hold_row, set_points, span_row
+from ogmp_sb3.rotations import quat_rotate, quat_to_rpy, rpy_to_quat
+from ogmp_sb3.sampling import ModeCall, corner_segments, sample_mode
+from ogmp_sb3.sim import Simulation
+from ogmp_sb3.srb import OMEGA, POS, RPY, STATE_NAMES, STATE_SIZE, VEL
+from ogmp_sb3.terrain import Plateau, empty_terrain, height_at, place
+from ogmp_sb3.view import EnvView, deviation
+
+START_PLATEAU = 2.0  # m: flat ground behind the start of a track
+KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
+REACH = 1.2  # m: terrain ahead of the base that is always there
+MAX_SPANS = 24  # spans kept for each environment
+
+RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What one control step of all environments gives. Nothing is reset."""
+
+    observation: np.ndarray
+    """shape (num_envs, size), float32"""
+    reward: np.ndarray
+    """shape (num_envs,)"""
+    terminated: np.ndarray
+    """the episode ended by a rule of the task, shape (num_envs,), bool"""
+    truncated: np.ndarray
+    """the episode reached its time limit, shape (num_envs,), bool"""
+    termination: np.ndarray
+    """which rule ended the episode, shape (num_envs,), text; empty while it runs"""
+    view: EnvView
+    """the step itself"""
+    reward_terms: dict[str, np.ndarray]
+    """each reward term, shape (num_envs,)"""
+
+
+def make_oracle(task: TaskConfig) -> Oracle:
+    """The task's oracle with its parameters bound."""
+    parameters = task.oracle_params.get(task.oracle, {})
+    plant = Plant(task.robot_config.srb, task.control_dt)
+    return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
+
+
+def _bind(kinds: registry.Registry[Any], terms: dict[str, dict[str, Any] | None]) -> dict[str, Any]:
+    """Terms in use with their parameters bound."""
+    return {name: partial(kinds.get(name), **given) for name, given in terms.items() if given is not None}
+
+
+class BatchEnv:
+    """``num_envs`` environments of a task.
+
+    Row ``i`` draws all its randomness from ``seed + i``, so four rows equal four environments of one.
+
+    :param task: the task
+    :param num_envs: number of environments
+    :param seed: seed of row 0
+    :param threads: physics threads, 0 for one per CPU
+    :raises ValueError: if the task cannot be built
+    """
+
+    def __init__(self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0) -> None:
+        if num_envs < 1:
+            raise ValueError(f"'num_envs' must be at least 1, found {num_envs}.")
+        self.task, self.num_envs = task, num_envs
+        self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
+        self._timed, self._lookahead, most_steps = _extent(task)
+        self._oracle = make_oracle(task)
+        self._observations = _bind(registry.observations, task.observations)
+        self._rewards = _bind(registry.rewards, task.rewards)
+        self._terminations = _bind(registry.terminations, task.terminations)
+        self._weights = np.array(task.bound_weights)
+        self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
+        self._nominal = np.array(task.robot_config.nominal_joints)
+
+        self.terrain = empty_terrain(num_envs, task.track.boxes)
+        self._spans = np.zeros((num_envs, MAX_SPANS, SPAN_SIZE))
+        self._span_count = np.zeros(num_envs, dtype=int)
+        self._laid = np.zeros(num_envs)  # m of track laid so far
+        self._mode_count = np.zeros(num_envs, dtype=int)
+        self.modes: list[list[ModeCall]] = [[] for _ in range(num_envs)]
+        self._reference = np.zeros((num_envs, most_steps + 1, STATE_SIZE))
+        self._reference_quat = np.zeros((num_envs, most_steps + 1, 4))
+        self._period = np.ones(num_envs, dtype=int)
+        self._phase = np.zeros(num_envs, dtype=int)
+        self.step_count = np.zeros(num_envs, dtype=int)
+        self.level = np.full(num_envs, 1.0 if task.curriculum is None else 0.0)
+        self._started = np.zeros(num_envs, dtype=bool)
+        self.seed(seed)
+        self.observation_scale = self._signals(self.reset_view())[1]
+
+    # ------------------------------------------------------------------ interface
+
+    @property
+    def observation_size(self) -> int:
+        """Length of one observation."""
+        return len(self.observation_scale)
+
+    @property
+    def action_size(self) -> int:
+        """Length of one action."""
+        return len(self._nominal)
+
+    def seed(self, seed: int) -> None:
+        """Give row ``i`` the generator of ``seed + i``."""
+        self._rng = [np.random.default_rng(seed + i) for i in range(self.num_envs)]
+
+    def seed_row(self, row: int, seed: int) -> None:
+        """Give one row a generator of its own."""
+        self._rng[row] = np.random.default_rng(seed)
+
+    def reset_view(self) -> EnvView:
+        """A view of all environments after a reset of all, for shapes."""
+        self.reset()
+        self._started[:] = False
+        return self._view()
+
+    def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
+        """Begin new episodes.
+
+        :param rows: which environments, shape (n,), int; None for all
+        :return: their observations, shape (n, size), float32
+        """
+        rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
+        self._update_levels(rows)
+        self.terrain[rows] = empty_terrain(len(rows), self.terrain.shape[1])
+        self._span_count[rows] = 0
+        self._laid[rows] = 0.0
+        self._mode_count[rows] = 0
+        self._phase[rows] = 0
+        self.step_count[rows] = 0
+        base = np.zeros((len(rows), 3))
+        for i, row in enumerate(rows):
+            self.modes[row] = []
+            if not self._timed:
+                half_width = 0.5 * self.task.track.width
+                self._place(row, [Plateau(-START_PLATEAU, 0.0, 0.0).box(0.0, half_width)], -np.inf)
+            base[i, 2] = self._extend(row, 0.0) + self.task.robot_config.nominal_height
+        self.sim.set_terrain(rows, self.terrain[rows])
+        self.sim.place(rows, base, self._nominal)
+        self._query(rows)
+        self._started[rows] = True
+        return self._observe(self._view(rows))
+
+    def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
+        """Advance one control step.
+
+        :param actions: shape (num_envs, joints), clipped to [-1, 1]
+        :param rows: step the physics of these only; the results of the others mean nothing
+        """
+        task = self.task
+        targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
+        self.sim.ctrl[:, self.sim.actuators] = targets
+        self.sim.step(rows, task.substeps)
+        self._phase += 1
+        self.step_count += 1
+        self._phase = np.minimum(self._phase, self._period)  # rows that are not stepped any more stay inside
+
+        view = self._view()
+        reward_terms = {name: term(view) for name, term in self._rewards.items()}
+        reward = np.sum(list(reward_terms.values()), axis=0) if reward_terms else np.zeros(self.num_envs)
+        termination = self._end(view, reward)
+        terminated = (termination != RUNNING) & (termination != TIME_LIMIT)
+        reward = np.where(np.isfinite(reward), reward, 0.0)
+
+        alive = np.flatnonzero(~terminated)
+        self._lay_ahead(alive)
+        due = alive[self._phase[alive] >= self._period[alive]]
+        if len(due):
+            if self._timed:
+                for row in due:
+                    self._extend(row, 0.0)
+            self._query(due)
+            seen = replace(view, phase=self._phase.copy(), period=self._period.copy(), terrain=self.terrain)
+        else:
+            seen = view
+        return StepResult(
+            observation=self._observe(seen),
+            reward=reward,
+            terminated=terminated,
+            truncated=termination == TIME_LIMIT,
+            termination=termination,
+            view=view,
+            reward_terms=reward_terms,
+        )
+
+    # ------------------------------------------------------------------ parts of a step
+
+    def _view(self, rows: np.ndarray | None = None) -> EnvView:
+        sim = self.sim
+        every = np.arange(self.num_envs) if rows is None else rows
+        p, v = sim.base_qpos, sim.base_qvel
+        qpos, qvel = sim.qpos[every], sim.qvel[every]
+        position, quat = qpos[:, p : p + 3], qpos[:, p + 3 : p + 7]
+        joint_pos, joint_vel = qpos[:, sim.joint_qpos], qvel[:, sim.joint_qvel]
+        ctrl = sim.ctrl[every][:, sim.actuators]
+        terrain = self.terrain[every]
+        phase = self._phase[every]
+        state = np.empty((len(every), STATE_SIZE))
+        state[:, RPY] = quat_to_rpy(quat)
+        state[:, POS] = position
+        state[:, OMEGA] = quat_rotate(quat, qvel[:, v + 3 : v + 6])
+        state[:, VEL] = qvel[:, v : v + 3]
+        reference = self._reference[every, phase]
+        return EnvView(
+            base_pos_w=position,
+            base_quat=quat,
+            base_linvel_w=state[:, VEL],
+            base_angvel_b=qvel[:, v + 3 : v + 6],
+            joint_pos=joint_pos,
+            joint_vel=joint_vel,
+            torque=sim.kp * (ctrl - joint_pos) - sim.kd * joint_vel,
+            body_contact=sim.body_contact()[every],
+            terrain=terrain,
+            ground_height=height_at(terrain, position[:, None, :2])[:, 0],
+            state=state,
+            reference=reference,
+            reference_quat=self._reference_quat[every, phase],
+            deviation=deviation(state, reference, self._weights),
+            phase=phase,
+            period=self._period[every],
+        )
+
+    def _end(self, view: EnvView, reward: np.ndarray) -> np.ndarray:
+        """Which rule ends each episode; the first that holds counts."""
+        task = self.task
+        rules = [(UNSTABLE, self.sim.unstable())]
+        if task.rho is not None:
+            rules.append((BOUND, view.deviation > task.rho))
+        rules += [(name, term(view)) for name, term in self._terminations.items()]
+        if task.min_step_reward is not None:
+            rules.append((LOW_REWARD, reward < task.min_step_reward))
+        rules.append((TIME_LIMIT, self.step_count >= task.episode_steps))
+        return np.select([mask for _, mask in rules], [name for name, _ in rules], default=RUNNING)
+
+    def _signals(self, view: EnvView) -> tuple[np.ndarray, np.ndarray]:
+        signals: list[Signal] = [term(view) for term in self._observations.values()]
+        return np.concatenate([s.value for s in signals], axis=1), np.concatenate([s.scale for s in signals])
+
+    def _observe(self, view: EnvView) -> np.ndarray:
+        value, scale = self._signals(view)
+        return np.nan_to_num(np.clip(value, -CLIP * scale, CLIP * scale)).astype(np.float32)
+
+    def _update_levels(self, rows: np.ndarray) -> None:
+        curriculum = self.task.curriculum
+        if curriculum is None:
+            return
+        lasted = self.step_count[rows] / self.task.episode_steps
+        change = np.where(lasted > curriculum.raise_above, 1.0, np.where(lasted < curriculum.lower_below, -1.0, 0.0))
+        change *= curriculum.step * self._started[rows]
+        self.level[rows] = np.clip(self.level[rows] + change, 0.0, 1.0)
+
+    # ------------------------------------------------------------------ terrain and references
+
+    def _lay_ahead(self, rows: np.ndarray) -> None:
+        """Recycle terrain boxes and spans so that the track goes on ahead of every robot."""
+        if self._timed:
+            return
+        x = self.sim.qpos[rows, self.sim.base_qpos]
+        short = rows[self._laid[rows] - x < self._lookahead]
+        for row in short:
+            self._extend(row, float(self.sim.qpos[row, self.sim.base_qpos]))
+        if len(short):
+            self.sim.set_terrain(short, self.terrain[short])
+
+    def _extend(self, row: int, x: float) -> float:
+        """Lay modes ahead of a place on the track, or lay the next timed mode; the first one's start height."""
+        start_height = 0.0
+        while self._timed or self._laid[row] - x < self._lookahead:
+            call = self._next_mode(row)
+            segment = call.segment()
+            if self._mode_count[row] == 0:
+                start_height = segment.start_height
+            self.modes[row].append(call)
+            self._mode_count[row] += 1
+            half_width = 0.5 * self.task.track.width
+            boxes = [plateau.box(self._laid[row], half_width) for plateau in segment.plateaus]
+            if boxes:
+                self._place(row, boxes, x - KEEP_BEHIND)
+            self._add_spans(row, [span_row(s, self._laid[row]) for s in segment.spans], x)
+            self._laid[row] += segment.length
+            if self._timed:
+                break
+        return start_height
+
+    def _next_mode(self, row: int) -> ModeCall:
+        """The next mode of the variant; behind the end of the track, flat ground."""
+        length = self.task.track.length
+        if length is not None and not self._timed and self._laid[row] >= length:
+            last = self._spans[row, self._span_count[row] - 1]
+            return ModeCall("pace", {"v": float(last[1]), "length": 1.0})
+        return sample_mode(self.task, self._rng[row], int(self._mode_count[row]), float(self.level[row]))
+
+    def _place(self, row: int, boxes: list[tuple[float, ...]], keep_from: float) -> None:
+        if not place(self.terrain, row, boxes, keep_from):
+            raise ValueError(
+                f"{self.task.file}: 'track.boxes' is {self.task.track.boxes}, too few for the terrain around a robot; "
+                "raise it, or make the modes longer."
+            )
+
+    def _add_spans(self, row: int, new: list[tuple[float, ...]], x: float) -> None:
+        count = 0 if self._timed else int(self._span_count[row])
+        old = self._spans[row, :count]
+        old = old[old[:, END] > x - KEEP_BEHIND]
+        spans = np.concatenate([old, np.array(new)])
+        spans[:, END] = np.maximum.accumulate(spans[:, END])
+        if len(spans) >= MAX_SPANS:
+            raise ValueError(
+                f"{self.task.file}: 'modes' are too short: over {MAX_SPANS} set-point spans around a robot."
+            )
+        self._spans[row, : len(spans)] = spans
+        self._spans[row, len(spans) :] = hold_row(spans[-1])
+        self._span_count[row] = len(spans)
+
+    def _query(self, rows: np.ndarray) -> None:
+        """Ask the oracle, from the robots' present states."""
+        task, p, v = self.task, self.sim.base_qpos, self.sim.base_qvel
+        qpos, qvel = self.sim.qpos[rows], self.sim.qvel[rows]
+        quat = qpos[:, p + 3 : p + 7]
+        x0 = np.zeros((len(rows), STATE_SIZE))
+        x0[:, RPY] = quat_to_rpy(quat)
+        x0[:, POS] = qpos[:, p : p + 3]
+        x0[:, OMEGA] = quat_rotate(quat, qvel[:, v + 3 : v + 6])
+        x0[:, VEL] = qvel[:, v : v + 3]
+        x0 = np.where(self._feedback, x0, 0.0)
+
+        spans = self._spans[rows]
+        if self._timed:
+            ends = spans[np.arange(len(rows)), self._span_count[rows] - 1, END]
+            steps = np.maximum(np.round(ends / task.control_dt).astype(int), 1)
+        else:
+            steps = np.full(len(rows), task.horizon)
+        points = set_points(spans, np.full(len(rows), self._timed), x0, steps, task.control_dt, task.gait)
+        reference: Reference = self._oracle(points, x0)
+        knots = reference.state.shape[1]
+        self._reference[rows, :knots] = reference.state
+        self._reference_quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
+        self._period[rows] = steps
+        self._phase[rows] = 0
+
+
+def _extent(task: TaskConfig) -> tuple[bool, float, int]:
+    """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
+    ranges = dict(task.mode_ranges)
+    corners = list(corner_segments(ranges))
+    if task.curriculum is not None:
+        corners += corner_segments({m: {**ranges[m], **r} for m, r in task.curriculum.modes.items()})
+    timed = {segment.timed for segment in corners}
+    if len(timed) > 1:
+        raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")
+    if timed == {True}:
+        if task.horizon is not None:
+            raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
+        if task.sampling.order != "sequence":
+            raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
+        return True, 0.0, max(round(s.spans[-1].end / task.control_dt) for s in corners) + 1
+    if task.horizon is None:
+        raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
+    if any(s.length <= 0 for s in corners):
+        raise ValueError(f"{task.file}: 'modes' has a mode that takes no length of the track.")
+    speeds = [span.velocity[0] for s in corners for span in s.spans]
+    if min(speeds) < 0:
+        raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
+    ahead = max(speeds) * task.horizon * task.control_dt + 0.3
+    return False, max(REACH, ahead), task.horizon

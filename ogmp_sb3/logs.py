@@ -1,0 +1,120 @@
+"""What a training writes for people: progress.csv, TensorBoard, and a progress bar with the time left."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+from tqdm import tqdm
+
+STEP_COLUMN = "time/total_timesteps"
+
+
+class CsvWriter(KVWriter):
+    """``progress.csv``, continued where a resumed run stopped.
+
+    :param path: the file
+    :param resumed_at: rows beyond this sample belong to what is run again, and go
+    """
+
+    def __init__(self, path: Path, resumed_at: int = 0) -> None:
+        self.path = path
+        self.rows: list[dict[str, Any]] = []
+        if path.is_file() and resumed_at:
+            with path.open(newline="", encoding="utf-8") as file:
+                self.rows = [row for row in csv.DictReader(file) if float(row[STEP_COLUMN] or 0) <= resumed_at]
+        self.columns = list(self.rows[0]) if self.rows else []
+        self._rewrite()
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        row = {key: value for key, value in key_values.items() if "csv" not in (key_excluded.get(key) or ())}
+        self.rows.append(row)
+        new = [key for key in row if key not in self.columns]
+        if new:
+            self.columns = sorted(self.columns + new)
+            self._rewrite()
+        else:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, self.columns).writerow(row)
+
+    def close(self) -> None:
+        pass
+
+    def _rewrite(self) -> None:
+        with self.path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, self.columns)
+            writer.writeheader()
+            writer.writerows(self.rows)
+
+
+def make_logger(folder: Path, resumed_at: int = 0) -> Logger:
+    """A logger for one run directory."""
+    return Logger(
+        folder=str(folder),
+        output_formats=[CsvWriter(folder / "progress.csv", resumed_at), TensorBoardOutputFormat(str(folder))],
+    )
+
+
+class EpisodeStatistics(BaseCallback):
+    """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.episodes: list[dict[str, Any]] = []
+        self.causes: Counter[str] = Counter()
+
+    def _on_step(self) -> bool:
+        for i in np.flatnonzero(self.locals["dones"]):
+            info = self.locals["infos"][i]
+            self.episodes.append(info["episode"])
+            self.causes[info["termination"]] += 1
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if not self.episodes:
+            return
+        names = {"r": "return", "l": "length"}
+        for key in self.episodes[0]:
+            if key != "t":
+                mean = float(np.mean([episode[key] for episode in self.episodes]))
+                self.logger.record_mean(f"episode/{names.get(key, key)}", mean)
+        for cause, count in self.causes.items():
+            self.logger.record_mean(f"termination/{cause}", count / len(self.episodes))
+        self.episodes, self.causes = [], Counter()
+
+
+class ProgressBar(BaseCallback):
+    """Samples done, samples per second, time left, and how the episodes go.
+
+    :param total: samples of the whole run
+    """
+
+    def __init__(self, total: int) -> None:
+        super().__init__()
+        self.total = total
+
+    def _on_training_start(self) -> None:
+        interval = 0.5 if sys.stderr.isatty() else 30.0
+        self.bar = tqdm(
+            total=self.total, initial=self.num_timesteps, unit="sample", unit_scale=True, mininterval=interval,
+            dynamic_ncols=True,
+        )  # fmt: skip
+
+    def _on_step(self) -> bool:
+        self.bar.update(self.num_timesteps - self.bar.n)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        buffer = self.model.ep_info_buffer
+        if buffer:
+            reward, length = np.mean([e["r"] for e in buffer]), np.mean([e["l"] for e in buffer])
+            self.bar.set_postfix_str(f"return {reward:.1f}, length {length:.0f}", refresh=False)
+
+    def _on_training_end(self) -> None:
+        self.bar.close()

@@ -1,0 +1,134 @@
+"""Metrics and true objectives: pure functions of one episode's record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ogmp_sb3.registry import metrics, objectives
+from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
+from ogmp_sb3.srb import GRAVITY
+
+FULL_TURN_TOLERANCE = 0.5  # rad
+UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
+UPRIGHT_STEPS = 33  # control steps at the end of a dive
+MIN_HEIGHT = 0.3  # m, base over the terrain
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRecord:
+    """One episode, one row per control step; row 0 is the start. World frame."""
+
+    base_pos_w: np.ndarray
+    """shape (steps + 1, 3), m"""
+    base_quat: np.ndarray
+    """shape (steps + 1, 4)"""
+    base_linvel_w: np.ndarray
+    """shape (steps + 1, 3), m/s"""
+    base_linacc_w: np.ndarray
+    """shape (steps + 1, 3), m/s^2"""
+    height: np.ndarray
+    """base over the terrain under it, gaps filled, shape (steps + 1,), m"""
+    state_error: np.ndarray
+    """``||x - x_ref||`` over position and velocity, shape (steps + 1,)"""
+    reward: np.ndarray
+    """shape (steps + 1,); row 0 is 0"""
+    termination: str
+    """which rule ended the episode"""
+    max_steps: int
+    """time limit, control steps"""
+    leg_length: float
+    """m"""
+    modes: tuple[dict[str, float | str], ...]
+    """parameters of the modes in order, with the mode's name under ``mode``"""
+
+    @property
+    def steps(self) -> int:
+        """Control steps survived."""
+        return len(self.reward) - 1
+
+
+@metrics.register()
+def max_heading_acceleration_g(record: EpisodeRecord) -> float:
+    """Largest norm of the base's linear acceleration at control steps, in g (paper: M.H.A.)."""
+    return float(np.linalg.norm(record.base_linacc_w, axis=1).max() / GRAVITY)
+
+
+@metrics.register()
+def max_heading_speed_mps(record: EpisodeRecord) -> float:
+    """Largest velocity along the track, m/s (paper: M.H.S.)."""
+    return float(record.base_linvel_w[:, 0].max())
+
+
+@metrics.register()
+def max_froude(record: EpisodeRecord) -> float:
+    """Froude number ``v^2 / (g leg_length)`` of the largest heading speed (paper: M.F.)."""
+    return max_heading_speed_mps(record) ** 2 / (GRAVITY * record.leg_length)
+
+
+@metrics.register()
+def episode_length_fraction(record: EpisodeRecord) -> float:
+    """Steps survived over the time limit (paper: E.L.)."""
+    return record.steps / record.max_steps
+
+
+@metrics.register()
+def no_fall_fraction(record: EpisodeRecord) -> float:
+    """1 if the episode reached its time limit."""
+    return float(record.termination == "time_limit")
+
+
+@metrics.register()
+def distance_m(record: EpisodeRecord) -> float:
+    """Displacement along the track, m."""
+    return float(record.base_pos_w[-1, 0] - record.base_pos_w[0, 0])
+
+
+@metrics.register("return")
+def undiscounted_return(record: EpisodeRecord) -> float:
+    """Sum of the training reward."""
+    return float(record.reward.sum())
+
+
+@metrics.register()
+def surrogate_objective(record: EpisodeRecord) -> float:
+    """``sum ||x - x_ref||`` over position and velocity (paper, sec. III-A); less is better."""
+    return float(record.state_error[1:].sum())
+
+
+@metrics.register()
+def success_rate(record: EpisodeRecord) -> float:
+    """1 if the true objective of a dive is met: see :func:`flip_and_land`."""
+    return flip_and_land(record)
+
+
+@objectives.register()
+def track_displacement(record: EpisodeRecord) -> float:
+    """Parkour: displacement along the track, m."""
+    return distance_m(record)
+
+
+@objectives.register()
+def flip_and_land(record: EpisodeRecord) -> float:
+    """Dive: 1 if the base turned once about the flip's axis, never came low, and stood upright at the end."""
+    direction = next((str(m["r"]) for m in record.modes if "r" in m), "front")
+    turned = abs(abs(flip_angle(record.base_quat, direction)) - 2 * np.pi) <= FULL_TURN_TOLERANCE
+    up = quat_rotate(record.base_quat, np.array([0.0, 0.0, 1.0]))[:, 2]
+    upright = bool((up[-UPRIGHT_STEPS:] >= np.cos(UPRIGHT_TOLERANCE)).all())
+    high = bool((record.height >= MIN_HEIGHT).all())
+    return float(turned and upright and high and record.termination == "time_limit")
+
+
+def flip_angle(quat: np.ndarray, direction: str) -> float:
+    """How far the base turned about the flip's body axis, rad, positive in the flip's sense.
+
+    :param quat: shape (steps + 1, 4)
+    :param direction: front, back, left or right
+    """
+    delta = quat_multiply(quat_conjugate(quat[:-1]), quat[1:])
+    delta *= np.where(delta[:, :1] < 0, -1.0, 1.0)  # the short way round
+    axis, sign = {"front": (1, 1), "back": (1, -1), "right": (0, 1), "left": (0, -1)}[direction]
+    norm = np.linalg.norm(delta[:, 1:], axis=1)
+    angle = 2.0 * np.arctan2(norm, delta[:, 0])
+    return float(sign * (angle * delta[:, 1 + axis] / np.maximum(norm, 1e-12)).sum())

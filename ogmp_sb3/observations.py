@@ -1,0 +1,64 @@
+"""Observation terms: pure functions of an :class:`~ogmp_sb3.view.EnvView`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ogmp_sb3.registry import observations
+from ogmp_sb3.rotations import quat_rotate_inverse
+from ogmp_sb3.terrain import height_at, scan_points
+from ogmp_sb3.view import EnvView
+
+CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
+DEEPEST = 1.0  # m: ground further below the base's ground than this looks the same
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One observation term."""
+
+    value: np.ndarray
+    """shape (num_envs, size), SI units"""
+    scale: np.ndarray
+    """typical size of each component, shape (size,): a normaliser must not divide by less"""
+
+
+@observations.register()
+def proprioception(view: EnvView) -> Signal:
+    """Height over the terrain (1), quaternion (4), joint positions, body-frame velocities (3 + 3), joint rates."""
+    height = view.base_pos_w[:, 2] - np.maximum(view.ground_height, view.base_pos_w[:, 2] - 2.0)
+    joints = view.joint_pos.shape[1]
+    value = np.concatenate(
+        [
+            height[:, None],
+            view.base_quat,
+            view.joint_pos,
+            quat_rotate_inverse(view.base_quat, view.base_linvel_w),
+            view.base_angvel_b,
+            view.joint_vel,
+        ],
+        axis=1,
+    )
+    sizes, scales = (1, 4, joints, 3, 3, joints), (0.1, 0.1, 0.3, 0.3, 1.0, 3.0)
+    return Signal(value, np.repeat(scales, sizes))
+
+
+@observations.register()
+def clock(view: EnvView) -> Signal:
+    """Sine and cosine of the phase between oracle queries (paper: c_t)."""
+    angle = 2.0 * np.pi * view.phase / view.period
+    return Signal(np.stack([np.sin(angle), np.cos(angle)], axis=1), np.full(2, 0.7))
+
+
+@observations.register()
+def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
+    """Terrain heights ahead of the base, relative to the terrain under it (paper: h_t).
+
+    :param points: how many, along +x of the world, the first under the base
+    :param spacing: m
+    """
+    heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
+    relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
+    return Signal(relative, np.full(points, 0.1))

@@ -1,0 +1,34 @@
+"""Reward terms of the paper (sec. III-C): pure functions of an :class:`~ogmp_sb3.view.EnvView`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ogmp_sb3.registry import rewards
+from ogmp_sb3.view import EnvView
+
+
+@rewards.register()
+def position_tracking(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
+    """``weight exp(-sharpness ||p_ref - p||)``, the trunk's origin in metres, shape (num_envs,)."""
+    error = np.linalg.norm(view.reference[:, 3:6] - view.base_pos_w, axis=1)
+    return weight * np.exp(-sharpness * error)
+
+
+@rewards.register()
+def orientation_tracking(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
+    """``weight exp(-sharpness (1 - <q, q_ref>^2))``: the sine squared of half the error angle, shape (num_envs,)."""
+    inner = np.einsum("ij,ij->i", view.base_quat, view.reference_quat)
+    return weight * np.exp(-sharpness * (1.0 - inner**2))
+
+
+@rewards.register()
+def torque_regulation(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
+    """``weight exp(-sharpness ||u||)``, u the PD torque before the limits in N m, shape (num_envs,)."""
+    return weight * np.exp(-sharpness * np.linalg.norm(view.torque, axis=1))
+
+
+@rewards.register()
+def body_contact(view: EnvView, weight: float) -> np.ndarray:
+    """``weight`` while anything but a foot touches the terrain, shape (num_envs,)."""
+    return weight * view.body_contact.astype(float)

@@ -1,0 +1,165 @@
+"""Batched MuJoCo: state arrays in, state arrays out. The only module that steps physics."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from ogmp_sb3.config import RobotConfig
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.terrain import NOTHING, geom_boxes
+
+TERRAIN_FRICTION = (1.0, 0.005, 0.0001)  # sliding, torsional, rolling: MuJoCo's defaults
+
+
+VISUAL_GROUP = 1  # geoms that are only seen; physics runs without them, 20 % faster
+
+
+def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visual: bool = False) -> mujoco.MjModel:
+    """Compile a robot with a pool of static terrain boxes.
+
+    :param robot: the robot
+    :param physics_dt: physics step, s
+    :param terrain_boxes: number of boxes, named ``terrain_0``, ...
+    :param visual: keep the geoms that are only seen, for rendering; the state is the same either way
+    :raises ValueError: if the robot's MJCF is unreadable or lacks what robot.yaml names
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
+    spec.option.timestep = physics_dt
+    # Terrain boxes move at run time, but the bounding volumes of static geoms are made at compile time.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    for geom in spec.geoms:
+        if geom.group == VISUAL_GROUP and not visual:
+            spec.delete(geom)
+    for i in range(terrain_boxes):
+        spec.worldbody.add_geom(
+            name=f"terrain_{i}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[1.0, 1.0, 1.0],
+            pos=[0.0, 0.0, NOTHING],
+            contype=1,
+            conaffinity=1,
+            friction=TERRAIN_FRICTION,
+            rgba=[0.72, 0.70, 0.66, 1.0],
+        )
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ValueError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
+    _check_names(model, robot)
+    return model
+
+
+def _check_names(model: mujoco.MjModel, robot: RobotConfig) -> None:
+    bodies = [model.body(i).name for i in range(model.nbody)]
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    for kind, wanted, found in (
+        ("body", (robot.base, *robot.feet), bodies),
+        ("joint", robot.joints, joints),
+        ("actuator", robot.joints, actuators),
+    ):
+        for name in wanted:
+            if name not in found:
+                raise ValueError(f"{robot.mjcf_path}: no {kind} '{name}'{did_you_mean(name, found)}")
+    if len(robot.joints) != model.nu:
+        raise ValueError(f"{robot.mjcf_path}: {model.nu} actuators, but robot.yaml names {len(robot.joints)} joints.")
+
+
+class Simulation:
+    """Many simulations of one robot on boxes.
+
+    Arrays are live views, one row a simulation. Sensors and accelerations lag one physics step behind the state.
+
+    :param robot: the robot
+    :param num_envs: number of simulations
+    :param physics_dt: physics step, s
+    :param terrain_boxes: boxes of each simulation
+    :param threads: physics threads, 0 for one per CPU
+    """
+
+    def __init__(self, robot: RobotConfig, num_envs: int, physics_dt: float, terrain_boxes: int, threads: int) -> None:
+        self.model = build_model(robot, physics_dt, terrain_boxes)
+        self.batch = Batch(self.model, nsim=num_envs, nthread=threads)
+        self.qpos = self.batch.bind("qpos")
+        self.qvel = self.batch.bind("qvel")
+        self.ctrl = self.batch.bind("ctrl")
+        self.qacc = self.batch.bind("qacc")
+        self._sensors = self.batch.bind("sensordata")
+
+        model = self.model
+        free = model.body(robot.base).jntadr[0]
+        self.base_qpos = int(model.jnt_qposadr[free])
+        self.base_qvel = int(model.jnt_dofadr[free])
+        self.joint_qpos = np.array([model.joint(name).qposadr[0] for name in robot.joints])
+        self.joint_qvel = np.array([model.joint(name).dofadr[0] for name in robot.joints])
+        self.actuators = np.array([model.actuator(name).id for name in robot.joints])
+        self.kp = model.actuator_gainprm[self.actuators, 0].copy()
+        self.kd = -model.actuator_biasprm[self.actuators, 2].copy()
+        self._body_contacts = self._contact_addresses(robot)
+
+        self._first_box = model.geom("terrain_0").id
+        self._boxes = slice(self._first_box, self._first_box + terrain_boxes)
+        self._geom_pos = self.batch.expand("geom_pos")
+        self._geom_size = self.batch.expand("geom_size")
+        self._geom_rbound = self.batch.expand("geom_rbound")
+        self._warnings_seen = self._warning_counts()
+
+    def _contact_addresses(self, robot: RobotConfig) -> np.ndarray:
+        """Addresses of the contact sensors of all bodies but the feet."""
+        sensors = [self.model.sensor(i) for i in range(self.model.nsensor)]
+        contacts = [s for s in sensors if s.type[0] == mujoco.mjtSensor.mjSENS_CONTACT]
+        if not contacts:
+            raise ValueError(f"{robot.mjcf_path}: no contact sensors; each body that may touch the ground needs one.")
+        bodies = {s.id: self.model.body(int(self.model.sensor_objid[s.id])).name for s in contacts}
+        return np.array([s.adr[0] for s in contacts if bodies[s.id] not in robot.feet], dtype=int)
+
+    def set_terrain(self, rows: np.ndarray, terrain: np.ndarray) -> None:
+        """Move the boxes of some simulations.
+
+        :param rows: simulations, shape (n,), int
+        :param terrain: shape (n, boxes, 5)
+        """
+        centre, half = geom_boxes(terrain)
+        self._geom_pos[rows, self._boxes] = centre
+        self._geom_size[rows, self._boxes] = half
+        self._geom_rbound[rows, self._boxes] = np.linalg.norm(half, axis=-1)
+
+    def place(self, rows: np.ndarray, base_pos: np.ndarray, joint_pos: np.ndarray) -> None:
+        """Put robots down at rest, upright, with the controls at their joint positions.
+
+        :param rows: simulations, shape (n,), int
+        :param base_pos: shape (n, 3), m
+        :param joint_pos: shape (joints,), rad
+        """
+        self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.qpos[rows[:, None], np.arange(self.base_qpos, self.base_qpos + 3)] = base_pos
+        self.qpos[rows[:, None], np.arange(self.base_qpos + 3, self.base_qpos + 7)] = (1.0, 0.0, 0.0, 0.0)
+        self.qpos[rows[:, None], self.joint_qpos] = joint_pos
+        self.ctrl[rows[:, None], self.actuators] = joint_pos
+        self._warnings_seen[rows] = self._warning_counts()[rows]
+
+    def step(self, rows: np.ndarray | None, substeps: int) -> None:
+        """Advance simulations by physics steps.
+
+        :param rows: which, or None for all
+        :param substeps: physics steps
+        """
+        self.batch.step(rows, substeps)
+
+    def body_contact(self) -> np.ndarray:
+        """Whether anything but a foot touches the terrain, shape (num_envs,), bool."""
+        return (self._sensors[:, self._body_contacts] > 0).any(axis=1)
+
+    def unstable(self) -> np.ndarray:
+        """Simulations that MuJoCo warned about since they were placed, or that are not finite, shape (num_envs,)."""
+        finite = np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1)
+        return ~finite | (self._warning_counts() != self._warnings_seen)
+
+    def _warning_counts(self) -> np.ndarray:
+        return np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)

@@ -1,0 +1,307 @@
+"""``ogmp-train``: train one policy for a task, or a sweep of them (``-m``), or go on with a run (``resume=``)."""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+import sys
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import hydra
+import numpy as np
+import torch as th
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+
+from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_trainer, policy_kwargs, save_checkpoint
+from ogmp_sb3.config import TASKS_DIR, TaskConfig, task_from_data
+from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
+from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.schema import Where, read, read_yaml
+
+RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
+LOG_EVERY = 16_384  # samples between two rows of progress.csv
+REPLACES_TASK = ("rho", "oracle", "horizon")
+RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOConfig:
+    """Hyper-parameters of RecurrentPPO, by sb3-contrib's names, and the size of the network."""
+
+    n_steps: int
+    batch_size: int
+    n_epochs: int
+    learning_rate: float
+    gamma: float
+    gae_lambda: float
+    clip_range: float
+    target_kl: float | None
+    ent_coef: float
+    vf_coef: float
+    max_grad_norm: float
+    lstm_hidden_size: int
+    n_lstm_layers: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Everything about a run but its task."""
+
+    seed: int
+    total_timesteps: int
+    num_envs: int
+    checkpoint_interval: int
+    keep_checkpoints: int
+    torch_threads: str | int
+    physics_threads: str | int
+    ppo: PPOConfig
+
+    def __post_init__(self) -> None:
+        for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.seed < 0:
+            raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
+
+
+class StopTraining(Exception):
+    """Raised between two updates after Ctrl-C or SIGTERM."""
+
+
+class Checkpoints(BaseCallback):
+    """Saves between updates: every ``checkpoint_interval`` samples, and when asked to stop.
+
+    :param run_dir: the run directory
+    :param config: the run
+    :param info: goes into every policy.json
+    """
+
+    def __init__(self, run_dir: Path, config: TrainConfig, info: dict[str, Any]) -> None:
+        super().__init__()
+        self.run_dir, self.config, self.info = run_dir, config, info
+        self.stop_requested = False
+
+    def request_stop(self, signum: int, frame: FrameType | None) -> None:
+        """Signal handler: finish the update, save, stop."""
+        if self.stop_requested:
+            raise KeyboardInterrupt
+        self.stop_requested = True
+        print("\nStopping after this update; press Ctrl-C again to quit at once.", file=sys.stderr)
+
+    def _on_training_start(self) -> None:
+        self.saved_at = self.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        if self.stop_requested:
+            raise StopTraining
+        if self.num_timesteps - self.saved_at >= self.config.checkpoint_interval:
+            self.save()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def save(self) -> None:
+        """Write a checkpoint and drop the oldest beyond ``keep_checkpoints``."""
+        model = self.model
+        assert isinstance(model, RecurrentPPO)
+        steps = model.num_timesteps
+        env = model.env
+        assert isinstance(env, OgmpVecEnv)
+        trainer = {"num_timesteps": steps, "updates": model._n_updates, "level": env.batch.level.tolist()}
+        save_checkpoint(
+            model, self.run_dir / "checkpoints" / f"{steps:012d}", {**self.info, "num_timesteps": steps}, trainer
+        )
+        self.saved_at = steps
+        for old in checkpoint_dirs(self.run_dir)[: -self.config.keep_checkpoints]:
+            for file in old.iterdir():
+                file.unlink()
+            old.rmdir()
+
+
+def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
+    """Train a policy and leave everything in the run directory.
+
+    :param task: the task
+    :param task_data: the same as plain data, for the files
+    :param config: the run
+    :param run_dir: where to write
+    :param resume: go on from the latest checkpoint of ``run_dir``
+    :return: mean return of the last episodes
+    """
+    threads = _threads(config.torch_threads, "torch_threads")
+    th.set_num_threads(threads)
+    env = OgmpVecEnv(task, config.num_envs, config.seed, _threads(config.physics_threads, "physics_threads"))
+    ppo = asdict(config.ppo)
+    network = policy_kwargs(
+        env.batch.observation_scale,
+        lstm_hidden_size=ppo.pop("lstm_hidden_size"),
+        n_lstm_layers=ppo.pop("n_lstm_layers"),
+        log_std_init=float(np.log(task.action.noise / task.action.scale)),
+    )
+    model = RecurrentPPO("MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **ppo)
+    if resume:
+        state = load_trainer(model, latest_checkpoint(run_dir))
+        model.num_timesteps, model._n_updates = state["num_timesteps"], state["updates"]
+        env.batch.level[:] = state["level"]
+        print(f"resumed at step {model.num_timesteps}")
+    else:
+        _write_run_files(run_dir, task_data, task, config)
+    model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
+
+    info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
+    checkpoints = Checkpoints(run_dir, config, info)
+    callbacks = CallbackList([checkpoints, EpisodeStatistics(), ProgressBar(config.total_timesteps)])
+    handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    remaining = config.total_timesteps - model.num_timesteps
+    try:
+        if remaining > 0:
+            model.learn(
+                remaining,
+                callback=callbacks,
+                log_interval=max(1, LOG_EVERY // (config.ppo.n_steps * config.num_envs)),
+                reset_num_timesteps=False,
+            )
+    except StopTraining:
+        checkpoints.save()
+        print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train resume={run_dir}")
+        raise SystemExit(130) from None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        model.logger.close()
+    if remaining > 0:
+        checkpoints.save()
+    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval run={run_dir}")
+    returns = [episode["r"] for episode in model.ep_info_buffer or []]
+    return float(np.mean(returns)) if returns else 0.0
+
+
+def versions() -> dict[str, str]:
+    """What a run's numbers depend on."""
+    found = {name: metadata.version(name) for name in RECORDED if _installed(name)}
+    return {"python": platform.python_version(), "machine": platform.machine(), **found}
+
+
+def _installed(name: str) -> bool:
+    try:
+        metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _threads(setting: str | int, name: str) -> int:
+    if setting == "auto":
+        return max(1, os.cpu_count() or 1)
+    if isinstance(setting, int) and setting >= 1:
+        return setting
+    raise ValueError(f"'{name}' must be auto or a whole number of at least 1, found {setting!r}.")
+
+
+def _write_run_files(run_dir: Path, task_data: dict[str, Any], task: TaskConfig, config: TrainConfig) -> None:
+    run_dir.mkdir(parents=True, exist_ok=True)
+    data = {"task": task_data, "task_file": task.file, "train": asdict(config), "versions": versions()}
+    OmegaConf.save(OmegaConf.create(data), run_dir / "config.yaml")
+
+
+def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
+    """The task of a composed configuration, with the bare rho, oracle and horizon put in."""
+    name = HydraConfig.get().runtime.choices["task"]
+    path = _task_files.get(name, TASKS_DIR / f"{name}.yaml")
+    data = OmegaConf.to_container(cfg.task)
+    assert isinstance(data, dict)
+    for key in REPLACES_TASK:
+        if not OmegaConf.is_missing(cfg, key):
+            data[key] = cfg[key]
+    robot = str(data.get("robot", ""))
+    if robot.endswith((".yaml", ".yml")):
+        data["robot"] = str((path.parent / robot).resolve())
+    return task_from_data(data, path), data  # type: ignore[return-value,arg-type]
+
+
+@hydra.main(version_base="1.3", config_path="conf", config_name="train")
+def _hydra_main(cfg: DictConfig) -> float:
+    run_dir = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        task, task_data = _task_of(cfg)
+        plain = OmegaConf.to_container(cfg, throw_on_missing=False)
+        assert isinstance(plain, dict)
+        values = {k: v for k, v in plain.items() if k not in ("task", *REPLACES_TASK)}
+        config = read(TrainConfig, values, Where("ogmp-train"))
+        return train(task, task_data, config, run_dir, resume=False)
+    except (ValueError, KeyError, TypeError) as error:
+        _fail(error)
+        raise
+
+
+def _resume(arguments: list[str]) -> None:
+    """``ogmp-train resume=<run dir> [total_timesteps=...]``: everything else is as it was."""
+    given = dict(argument.partition("=")[::2] for argument in arguments)
+    run_dir = Path(given.pop("resume"))
+    data = read_yaml(run_dir / "config.yaml")
+    for key, value in given.items():
+        if key not in RESUMABLE:
+            raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
+        data["train"][key] = int(value) if value.isdigit() else value
+    task = task_from_data(data["task"], Path(data["task_file"]))
+    config = read(TrainConfig, data["train"], Where(str(run_dir / "config.yaml"), "train"))
+    data["train"] = asdict(config)
+    train(task, data["task"], config, run_dir, resume=True)
+    OmegaConf.save(OmegaConf.create(data), run_dir / "config.yaml")
+
+
+_task_files: dict[str, Path] = {}  # tasks given by path, by the name they are registered under
+
+
+def _register_tasks(arguments: list[str]) -> list[str]:
+    """Make shipped tasks, and tasks given by path, known to Hydra; returns the arguments with names for paths."""
+    store = ConfigStore.instance()
+    for path in TASKS_DIR.glob("*.yaml"):
+        store.store(group="task", name=path.stem, node=OmegaConf.create(read_yaml(path)))
+    rewritten = []
+    for argument in arguments:
+        key, sign, value = argument.partition("=")
+        if key == "task" and sign:
+            names = []
+            for name in value.split(","):
+                if name.endswith((".yaml", ".yml")):
+                    path = Path(name)
+                    store.store(group="task", name=path.stem, node=OmegaConf.create(read_yaml(path)))
+                    _task_files[path.stem] = path
+                    name = path.stem
+                names.append(name)
+            argument = f"task={','.join(names)}"
+        rewritten.append(argument)
+    return rewritten
+
+
+def _fail(error: Exception) -> None:
+    print(f"ogmp-train: {error.args[0] if error.args else error}", file=sys.stderr)
+    raise SystemExit(2) from None
+
+
+def main() -> None:
+    """Entry point."""
+    arguments = sys.argv[1:]
+    try:
+        if any(argument.startswith("resume=") for argument in arguments):
+            _resume(arguments)
+            return
+        sys.argv[1:] = _register_tasks(arguments)
+    except (ValueError, KeyError, TypeError) as error:
+        _fail(error)
+    _hydra_main()
+
+
+if __name__ == "__main__":
+    main()
