@@ -322,9 +322,17 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     """
     path = task_path(name_or_path)
     data = read_yaml(path)
-    for key, value in _override_items(overrides, str(path)):
-        _set(data, key, value, str(path))
-    return task_from_data(data, path)
+    return task_from_data(apply_overrides(data, overrides, str(path)), path)
+
+
+def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
+    """Put overrides into plain task data, in place, and return it. See :func:`load_task`.
+
+    :param file: for messages
+    """
+    for key, value in _override_items(overrides, file):
+        _set(data, key, value, file)
+    return data
 
 
 def task_from_data(data: Mapping[str, Any], path: Path) -> TaskConfig:

@@ -126,7 +126,7 @@ class BatchEnv:
         """A view of all environments after a reset of all, for shapes."""
         self.reset()
         self._started[:] = False
-        return self._view()
+        return self.view()
 
     def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
         """Begin new episodes.
@@ -153,7 +153,7 @@ class BatchEnv:
         self.sim.place(rows, base, self._nominal)
         self._query(rows)
         self._started[rows] = True
-        return self._observe(self._view(rows))
+        return self._observe(self.view(rows))
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -169,7 +169,7 @@ class BatchEnv:
         self.step_count += 1
         self._phase = np.minimum(self._phase, self._period)  # rows that are not stepped any more stay inside
 
-        view = self._view()
+        view = self.view()
         reward_terms = {name: term(view) for name, term in self._rewards.items()}
         reward = np.sum(list(reward_terms.values()), axis=0) if reward_terms else np.zeros(self.num_envs)
         termination = self._end(view, reward)
@@ -199,7 +199,8 @@ class BatchEnv:
 
     # ------------------------------------------------------------------ parts of a step
 
-    def _view(self, rows: np.ndarray | None = None) -> EnvView:
+    def view(self, rows: np.ndarray | None = None) -> EnvView:
+        """The present state of some environments, by default all."""
         sim = self.sim
         every = np.arange(self.num_envs) if rows is None else rows
         p, v = sim.base_qpos, sim.base_qvel

@@ -61,6 +61,12 @@ def make_logger(folder: Path, resumed_at: int = 0) -> Logger:
     )
 
 
+def progress_bar(total: int, unit: str, done: int = 0) -> Any:
+    """A bar with the time left; where no terminal is, a line every half minute."""
+    interval = 0.5 if sys.stderr.isatty() else 30.0
+    return tqdm(total=total, initial=done, unit=unit, unit_scale=True, mininterval=interval, dynamic_ncols=True)
+
+
 class EpisodeStatistics(BaseCallback):
     """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level."""
 
@@ -100,11 +106,7 @@ class ProgressBar(BaseCallback):
         self.total = total
 
     def _on_training_start(self) -> None:
-        interval = 0.5 if sys.stderr.isatty() else 30.0
-        self.bar = tqdm(
-            total=self.total, initial=self.num_timesteps, unit="sample", unit_scale=True, mininterval=interval,
-            dynamic_ncols=True,
-        )  # fmt: skip
+        self.bar = progress_bar(self.total, "sample", self.num_timesteps)
 
     def _on_step(self) -> bool:
         self.bar.update(self.num_timesteps - self.bar.n)

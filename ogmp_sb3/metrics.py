@@ -75,8 +75,8 @@ def episode_length_fraction(record: EpisodeRecord) -> float:
 
 @metrics.register()
 def no_fall_fraction(record: EpisodeRecord) -> float:
-    """1 if the episode reached its time limit."""
-    return float(record.termination == "time_limit")
+    """1 if the episode ended by its time limit, or at the distance asked for."""
+    return float(record.termination in ("time_limit", "max_distance"))
 
 
 @metrics.register()

@@ -16,6 +16,7 @@ from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
 # Columns of a span array: spans of many environments as numbers.
 END, VX, VY, GROUND0, GROUND1, CONTACT, APEX, WX0, WY0, WX1, WY1 = range(11)
 SPAN_SIZE = 11
+FOREVER = 1e9  # m or s: the end of a span without end
 HOP_STRETCH = 1.4  # a hop longer than this many nominal cycles is cut in two (released code: 0.35 s / 0.25 s)
 
 
@@ -59,7 +60,7 @@ def span_row(span: Span, offset: float) -> tuple[float, ...]:
 def hold_row(last: np.ndarray) -> np.ndarray:
     """The span that goes on where another one ends, with its last height, rates and velocity, for ever."""
     held = last.copy()
-    held[END] = np.inf
+    held[END] = FOREVER
     held[[GROUND0, WX0, WY0]] = last[[GROUND1, WX1, WY1]]
     held[APEX] = 0.0
     return held
@@ -95,8 +96,7 @@ def set_points(
     row = np.arange(rows)[:, None]
     here = spans[row, at_knot]  # (rows, knots + 1, SPAN_SIZE)
     begin, finish = starts[row, at_knot], ends[row, at_knot]
-    duration = np.where(np.isfinite(finish), finish - begin, 1.0)
-    share = np.clip((time - begin) / np.maximum(duration, 1e-9), 0.0, 1.0)
+    share = np.clip((time - begin) / np.maximum(finish - begin, 1e-9), 0.0, 1.0)
 
     state = np.zeros((rows, knots + 1, STATE_SIZE))
     step_velocity = spans[row, at_step][..., [VX, VY]]
@@ -123,7 +123,7 @@ def set_points(
 
 def _end_times(spans: np.ndarray, timed: np.ndarray, x: np.ndarray) -> np.ndarray:
     """When each span ends, s from now, shape (rows, spans); the last one never does."""
-    previous = np.concatenate([np.full((len(spans), 1), -np.inf), spans[:, :-1, END]], axis=1)
+    previous = np.concatenate([np.full((len(spans), 1), -FOREVER), spans[:, :-1, END]], axis=1)
     distance = np.maximum(spans[..., END] - np.maximum(previous, x[:, None]), 0.0)
     speed = np.maximum(spans[..., VX], 1e-9)
     ends = np.where(timed[:, None], spans[..., END], np.cumsum(distance / speed, axis=1))
@@ -144,9 +144,11 @@ def _vertical_velocity(
     A flight of duration t that ends dh higher starts with g t / 2 + dh / t.
     """
     flight = spans[..., CONTACT] == Contact.FLIGHT
-    duration = np.where(np.isfinite(ends), np.maximum(ends - starts, 1e-9), 1.0)
+    duration = np.maximum(ends - starts, 1e-9)
     rise = spans[..., GROUND1] - spans[..., GROUND0]
-    lift_off = np.where(flight & (ends > starts), 0.5 * GRAVITY * duration + rise / duration, 0.0)
+    lift_off = np.where(
+        flight & (ends > starts) & (spans[..., END] < FOREVER), 0.5 * GRAVITY * duration + rise / duration, 0.0
+    )
     upcoming = np.concatenate([lift_off[:, 1:], np.zeros((len(spans), 1))], axis=1)
     push_off = np.where(spans[..., CONTACT] == Contact.STANCE, upcoming, 0.0)
     row = np.arange(len(spans))[:, None]
@@ -158,7 +160,7 @@ def _stance(
     spans: np.ndarray, starts: np.ndarray, ends: np.ndarray, at_step: np.ndarray, middle: np.ndarray, cycle: float
 ) -> np.ndarray:
     """Whether the feet are on the ground in the middle of each step, shape (rows, knots)."""
-    duration = np.where(np.isfinite(ends), ends - starts, cycle)
+    duration = ends - starts
     hops = np.maximum(np.round(duration / cycle), 1.0)
     hops += duration / hops > HOP_STRETCH * cycle
     rate = np.where(duration > 0, hops / np.maximum(duration, 1e-9), 0.0)  # hops per second

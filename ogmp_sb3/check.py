@@ -1,0 +1,124 @@
+"""``ogmp-check``: is a task file right, what can it name, and what do its references look like?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ogmp_sb3 import cli, registry
+from ogmp_sb3.config import Range, TaskConfig, load_task
+from ogmp_sb3.env import BatchEnv, make_oracle
+from ogmp_sb3.plotting import plot_references
+from ogmp_sb3.reference import hold_row, set_points, span_row
+from ogmp_sb3.sampling import ModeCall
+from ogmp_sb3.srb import POS, STATE_SIZE
+
+PROGRAM = "ogmp-check"
+KINDS = (
+    registry.modes, registry.oracles, registry.observations, registry.rewards, registry.terminations,
+    registry.metrics, registry.objectives,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckConfig:
+    """Keys of the command line."""
+
+    task: str = cli.option("a shipped task or the path of a YAML file; the key may be left out")
+    out: str | None = cli.option("directory for references.png; null: no picture", None)
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "validate a task file, list what one can name, and draw the references of its modes.",
+    ["ogmp-check parkour", "ogmp-check path/to/my_task.yaml out=check", "ogmp-check dive rho=0.1 oracle=lqr"],
+    CheckConfig,
+    "any other key of the task file",
+)
+
+
+def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
+    """Base heights of every mode in the middle of its ranges, by every oracle the task has parameters for."""
+    panels = []
+    for name, ranges in task.mode_ranges.items():
+        words = [r.words for r in ranges.values() if r.words]
+        call = ModeCall(name, {key: _middle(range_) for key, range_ in ranges.items()})
+        segment = call.segment()
+        rows = np.array([span_row(span, 0.0) for span in segment.spans])
+        spans = np.vstack([rows, hold_row(rows[-1])])[None]
+        duration = rows[-1, 0] if segment.timed else segment.length / max(segment.spans[0].velocity[0], 1e-9)
+        steps = np.array([max(1, round(duration / task.control_dt))])
+        x0 = np.zeros((1, STATE_SIZE))
+        x0[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height
+        points = set_points(spans, np.array([segment.timed]), x0, steps, task.control_dt, task.gait)
+        heights = {
+            oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0, :, POS.start + 2]
+            for oracle in sorted({*task.oracle_params, task.oracle})
+        }
+        given = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
+        title = f"{name} ({', '.join([*(w[0] for w in words), given])})" if ranges else name
+        panels.append((title, points.stance[0], points.state[0, :, POS.start + 2], heights))
+    return panels
+
+
+def _middle(range_: Range) -> float | str:
+    return range_.words[0] if range_.words else 0.5 * (range_.low + range_.high)
+
+
+def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
+    table = Table(title=f"{task.file}: {task.description}", title_justify="left", show_header=False)
+    for name, ranges in task.mode_ranges.items():
+        table.add_row(f"mode {name}", ", ".join(f"{key} {_range_text(r)}" for key, r in ranges.items()))
+    rho = "off" if task.rho is None else f"{task.rho:g} on {', '.join(k for k, w in task.bound.items() if w)}"
+    table.add_row("oracle", f"{task.oracle}, horizon {task.horizon or 'one mode'}, rho {rho}")
+    table.add_row("observation", f"{env.observation_size} numbers: {_names(task.observations)}")
+    table.add_row("reward", _names(task.rewards))
+    table.add_row("action", f"{env.action_size} joint targets, nominal +- {task.action.scale:g} rad")
+    table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
+    if task.horizon is not None and task.rho is not None:
+        speeds = [r.high for ranges in task.mode_ranges.values() for key, r in ranges.items() if key == "v"]
+        still = max(speeds, default=0.0) * task.horizon * task.control_dt
+        verdict = "stays inside the bound" if still <= task.rho else "leaves the bound"
+        table.add_row("standing still", f"v * horizon * control_dt = {still:.2f} m, {verdict}")
+    console.print(table)
+
+
+def _names(terms: dict[str, dict[str, object] | None]) -> str:
+    return ", ".join(name for name, given in terms.items() if given is not None)
+
+
+def _range_text(range_: Range) -> str:
+    if range_.words:
+        return "/".join(range_.words)
+    return f"{range_.low:g}" if range_.low == range_.high else f"{range_.low:g}..{range_.high:g}"
+
+
+def _run(arguments: list[str]) -> None:
+    arguments = [a if "=" in a else f"task={a}" for a in arguments]
+    config, overrides = cli.parse(CheckConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    task = load_task(config.task, overrides)
+    console = Console()
+    _describe(task, BatchEnv(task, num_envs=1), console)
+    known = Table(title="What a task file can name", title_justify="left", show_header=False)
+    for kind in KINDS:
+        known.add_row(f"{kind.kind}s", ", ".join(f"{n}({', '.join(kind.parameters(n))})" for n in kind.names()))
+    console.print(known)
+    if config.out:
+        path = Path(config.out) / "references.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        plot_references(reference_panels(task), task.control_dt, path)
+        console.print(str(path))
+    console.print(f"{task.file} is right.")
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

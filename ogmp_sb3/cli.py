@@ -1,0 +1,94 @@
+"""``key=value`` command lines of the programs that do not need Hydra."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import yaml
+
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.schema import Where, read
+
+C = TypeVar("C")
+
+
+def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, ...] = ()) -> tuple[C, list[str]]:
+    """Read ``key=value`` arguments into a dataclass.
+
+    :param kind: a dataclass; its fields are the keys
+    :param arguments: the command line
+    :param program: for messages
+    :param extra: further keys that are allowed, and everything below them (``modes.jump.h=0.2``)
+    :return: the dataclass, and the arguments whose key is one of ``extra``
+    :raises KeyError: for an unknown or missing key
+    :raises TypeError: for a value of the wrong type
+    :raises ValueError: for an argument that is not ``key=value``
+    """
+    fields = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    rest: list[str] = []
+    for argument in arguments:
+        key, sign, text = argument.partition("=")
+        if not sign:
+            raise ValueError(f"'{argument}' must have the form key=value.")
+        key = key.removeprefix("task.")
+        if key in fields:
+            values[key] = _value(text)
+        elif key.split(".")[0] in extra:
+            rest.append(f"{key}={text}")
+        else:
+            raise KeyError(f"unknown key '{key}'{did_you_mean(key, [*fields, *extra])}")
+    return read(kind, values, Where(program)), rest
+
+
+def _value(text: str) -> Any:
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text
+    return text if isinstance(value, dict) else value
+
+
+def usage(program: str, purpose: str, examples: list[str], kind: type[Any], extra: str = "") -> str:
+    """The text of ``--help``: purpose, examples, and every key with its default and meaning.
+
+    :param kind: a dataclass; the metadata ``help`` of its fields says what they are
+    :param extra: a line about further keys
+    """
+    lines = [f"{program}: {purpose}", "", "Examples:", *(f"  {example}" for example in examples), "", "Keys:"]
+    for field in dataclasses.fields(kind):
+        default = "required" if field.default is dataclasses.MISSING else f"default {_shown(field.default)}"
+        lines.append(f"  {field.name:<15} {field.metadata['help']} ({default})")
+    return "\n".join([*lines, *([f"  {extra}"] if extra else [])])
+
+
+def _shown(value: Any) -> str:
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def option(help_text: str, default: Any = dataclasses.MISSING) -> Any:
+    """A dataclass field that is a key of a command line."""
+    return dataclasses.field(default=default, metadata={"help": help_text})
+
+
+def run(program: str, help_text: str, body: Callable[[list[str]], None]) -> None:
+    """Run a program: help on demand, and a user's mistake is one sentence and exit code 2."""
+    arguments = sys.argv[1:]
+    if not arguments or any(a in ("-h", "--help", "help") for a in arguments):
+        print(help_text)
+        return
+    try:
+        body(arguments)
+    except (ValueError, KeyError, TypeError) as error:
+        print(f"{program}: {error.args[0] if error.args else error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+
+
+def task_keys(task: type[Any]) -> tuple[str, ...]:
+    """The top-level keys of a task file."""
+    return tuple(field.name for field in dataclasses.fields(task) if not field.metadata.get("internal"))

@@ -1,0 +1,65 @@
+"""Pictures. The only module that imports matplotlib; no library module imports this one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
+
+
+def plot_grid(grid: dict[str, Any], metric: str, path: Path) -> None:
+    """Heat map of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
+
+    :param grid: ``grid`` of an evaluation's ``metrics.json``
+    :param metric: name of the metric
+    :param path: picture to write
+    """
+    first, second = grid["axes"]
+    a = np.unique([cell[first] for cell in grid["cells"]])
+    b = np.unique([cell[second] for cell in grid["cells"]])
+    values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a), len(b))
+    figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
+    mesh = axes.pcolormesh(a, b, values.T, shading="nearest", cmap="viridis")
+    (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
+    axes.add_patch(plt.Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
+    axes.set_xlabel(f"{grid['mode']}.{first}")
+    axes.set_ylabel(f"{grid['mode']}.{second}")
+    figure.colorbar(mesh, label=f"{metric} (black: trained on)")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def plot_references(
+    panels: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]], dt: float, path: Path
+) -> None:
+    """Base height over time by every oracle, one panel for each mode (paper, fig:orac_trajs).
+
+    :param panels: title, stance (steps,), set-point height (steps + 1,), and oracle -> height (steps + 1,), m
+    :param dt: distance of knots, s
+    :param path: picture to write
+    """
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    figure, grid = plt.subplots(rows, columns, figsize=(4.5 * columns, 3.2 * rows), squeeze=False, layout="constrained")
+    for axes in grid.flat[len(panels) :]:
+        axes.axis("off")
+    for axes, (title, stance, set_point, heights) in zip(grid.flat, panels, strict=False):
+        time = dt * np.arange(len(set_point))
+        for k in np.flatnonzero(stance):
+            axes.axvspan(time[k], time[k + 1], color="0.92", linewidth=0)
+        axes.plot(time, set_point, color="0.4", linestyle=":", label="set-points")
+        for oracle, height in heights.items():
+            axes.plot(time, height, label=oracle, color=COLOURS.get(oracle))
+        axes.set(title=title, xlabel="time (s)", ylabel="base height (m)")
+    grid.flat[0].legend(fontsize="small")
+    figure.suptitle("References by mode (grey: stance)")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,96 @@
+"""Play a policy for whole episodes and keep a record of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ogmp_sb3.config import TaskConfig
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.recurrent import LstmPolicy
+from ogmp_sb3.srb import POS, VEL
+from ogmp_sb3.view import EnvView
+
+MAX_DISTANCE = "max_distance"
+BATCH = 128  # episodes played together
+
+
+def play_episodes(
+    policy: LstmPolicy,
+    task: TaskConfig,
+    episodes: int,
+    seed: int,
+    max_distance: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[EpisodeRecord]:
+    """Play whole episodes, deterministically; every environment plays one, so none is over-represented.
+
+    :param policy: the policy
+    :param task: the task, under the protocol wanted
+    :param episodes: how many
+    :param seed: episode ``i`` is seeded with ``seed + i``
+    :param max_distance: an episode also ends this far along the track, m
+    :param progress: called with the number of episodes that have just ended
+    """
+    records: list[EpisodeRecord] = []
+    for first in range(0, episodes, BATCH):
+        env = BatchEnv(task, min(BATCH, episodes - first), seed + first)
+        records += _play_batch(policy, env, max_distance, progress or (lambda _: None))
+    return records
+
+
+def _play_batch(
+    policy: LstmPolicy, env: BatchEnv, max_distance: float | None, progress: Callable[[int], None]
+) -> list[EpisodeRecord]:
+    observation = env.reset()
+    start_x = env.sim.qpos[:, env.sim.base_qpos].copy()
+    steps: list[dict[str, np.ndarray]] = [_snapshot(env, env.view(), np.zeros(env.num_envs))]
+    ended = np.full(env.num_envs, "", dtype=object)
+    length = np.zeros(env.num_envs, dtype=int)
+    state, starts = None, np.ones(env.num_envs, dtype=bool)
+    while True:
+        alive = np.flatnonzero(ended == "")
+        if not len(alive):
+            break
+        action, state = policy.predict(observation, state, starts, deterministic=True)
+        starts = np.zeros(env.num_envs, dtype=bool)
+        result = env.step(action, alive)
+        observation = result.observation
+        steps.append(_snapshot(env, result.view, result.reward))
+        length[alive] += 1
+        reason = result.termination.astype(object)
+        if max_distance is not None:
+            far = env.sim.qpos[:, env.sim.base_qpos] - start_x >= max_distance
+            reason[far & (reason == "")] = MAX_DISTANCE
+        ended[alive] = reason[alive]
+        finished = int((ended[alive] != "").sum())
+        if finished:
+            progress(finished)
+    series = {name: np.stack([step[name] for step in steps], axis=1) for name in steps[0]}
+    return [
+        EpisodeRecord(
+            **{name: values[row, : length[row] + 1] for name, values in series.items()},
+            termination=str(ended[row]),
+            max_steps=env.task.episode_steps,
+            leg_length=env.task.robot_config.leg_length,
+            modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
+        )
+        for row in range(env.num_envs)
+    ]
+
+
+def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:
+    """One step of every environment, as rows of an episode record."""
+    v = env.sim.base_qvel
+    error = (view.state - view.reference)[:, np.r_[POS, VEL]]
+    return {
+        "base_pos_w": view.base_pos_w,
+        "base_quat": view.base_quat,
+        "base_linvel_w": view.base_linvel_w,
+        "base_linacc_w": env.sim.qacc[:, v : v + 3].copy(),
+        "height": view.base_pos_w[:, 2] - np.maximum(view.ground_height, 0.0),
+        "state_error": np.linalg.norm(error, axis=1),
+        "reward": reward,
+    }
