@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
-
-import yaml
+from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3 import registry
 from ogmp_sb3.registry import Registry, did_you_mean
-from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, SRB, STATE_NAMES
+
+MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen
 
 PACKAGE = Path(__file__).parent
 TASKS_DIR = PACKAGE / "tasks"
@@ -24,6 +22,18 @@ ROBOTS_DIR = PACKAGE / "robots"
 def _positive(name: str, value: float) -> None:
     if not value > 0:
         raise ValueError(f"'{name}' must be above 0, found {value:g}.")
+
+
+def _not_negative(name: str, weights: Mapping[str, float]) -> None:
+    for key, weight in weights.items():
+        if weight < 0:
+            raise ValueError(f"'{name}.{key}' must be at least 0, found {weight:g}.")
+
+
+def _all_different(name: str, entries: tuple[str, ...]) -> None:
+    for entry in entries:
+        if entries.count(entry) > 1:
+            raise ValueError(f"'{name}' has {entry!r} twice.")
 
 
 @dataclass(frozen=True)
@@ -40,11 +50,18 @@ class Range:
     @classmethod
     def from_data(cls, data: Any, where: Where) -> Range:
         """Read ``0.8``, ``[0.2, 0.35]``, ``front`` or ``[front, back]``."""
+        expected = "a number, [low, high], a word or a list of words"
+        if data is None or isinstance(data, Mapping | bool):
+            raise TypeError(f"{where} must be {expected}, found {describe(data)}.")
         if isinstance(data, str):
             data = [data]
-        if isinstance(data, list) and data and all(isinstance(d, str) for d in data):
+        if isinstance(data, list | tuple) and data and all(isinstance(d, str) for d in data):
+            if len(set(data)) < len(data):
+                raise ValueError(f"{where} has a word twice: {', '.join(data)}.")
             return cls(words=tuple(data))
-        if isinstance(data, list):
+        if isinstance(data, list | tuple):
+            if len(data) != 2:
+                raise ValueError(f"{where} must be {expected}, found {describe(data)}.")
             low, high = read(tuple[float, float], data, where)
             if low > high:
                 raise ValueError(f"{where} is a reversed range: {low} > {high} (write it as [low, high]).")
@@ -98,6 +115,10 @@ class RobotConfig:
             raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
         for name in ("nominal_height", "leg_length"):
             _positive(name, getattr(self, name))
+        for value in (self.srb.mass, *self.srb.inertia):
+            _positive("srb", value)
+        _all_different("joints", self.joints)
+        _all_different("feet", self.feet)
 
     @property
     def mjcf_path(self) -> Path:
@@ -121,8 +142,7 @@ class SamplingConfig:
     def __post_init__(self) -> None:
         if self.order == "sequence" and not self.sequence:
             raise ValueError("order: sequence needs a sequence of modes.")
-        if any(w < 0 for w in self.weights.values()):
-            raise ValueError("weights must not be negative.")
+        _not_negative("weights", self.weights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,8 +165,10 @@ class CurriculumConfig:
 
     def __post_init__(self) -> None:
         if not 0 <= self.lower_below <= self.raise_above <= 1:
-            raise ValueError("0 <= lower_below <= raise_above <= 1 must hold.")
+            found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
+            raise ValueError(f"0 <= lower_below <= raise_above <= 1 must hold, found {found}.")
         _positive("step", self.step)
+        _not_negative("weights", self.weights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +234,13 @@ class EvaluationConfig:
     metrics: tuple[str, ...] = ()
     """names of metrics to report"""
 
+    def __post_init__(self) -> None:
+        if self.episode_steps < 1:
+            raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
+        if self.track_length is not None:
+            _positive("track_length", self.track_length)
+        _all_different("metrics", self.metrics)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
@@ -274,14 +303,19 @@ class TaskConfig:
         _positive("control_dt", self.control_dt)
         _positive("physics_dt", self.physics_dt)
         ratio = self.control_dt / self.physics_dt
-        if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
-            raise ValueError(f"control_dt / physics_dt must be a whole number, found {ratio:g}.")
+        if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
+            found = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
+            raise ValueError(f"control_dt / physics_dt must be a whole number below {MAX_SUBSTEPS}, found {found}.")
         if self.episode_steps < 1:
             raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
         if self.horizon is not None and self.horizon < 1:
             raise ValueError(f"'horizon' must be at least 1 control step or null, found {self.horizon}.")
         if self.rho is not None and self.rho <= 0:
             raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
+        _not_negative("bound", self.bound)
+        if not any(self.bound.values()):
+            raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")
+        _all_different("feedback", self.feedback)
 
     @property
     def substeps(self) -> int:
@@ -322,7 +356,7 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     """
     path = task_path(name_or_path)
     data = read_yaml(path)
-    return task_from_data(apply_overrides(data, overrides, str(path)), path)
+    return task_from_data(apply_overrides(data, overrides, _shown(path)), path)
 
 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
@@ -331,31 +365,36 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterabl
     :param file: for messages
     """
     for key, value in _override_items(overrides, file):
-        _set(data, key, value, file)
+        _set(data, key.split("."), value, Where(file))
     return data
 
 
-def task_from_data(data: Mapping[str, Any], path: Path) -> TaskConfig:
+def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
     """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`."""
     where = Where(_shown(path))
-    task = read(TaskConfig, dict(data), where)
-    robot = load_robot(task.robot, path.parent)
-    task = replace(task, name=path.stem, file=where.file, robot_config=robot)
-    _check_modes(task, where)
-    _check_oracle(task, where)
+    task = read(TaskConfig, data, where)
+    with _located(where / "robot"):
+        robot = load_robot(task.robot, path.parent)
     _check_names(task.bound, STATE_NAMES, where / "bound")
     _check_names(task.feedback, STATE_NAMES, where / "feedback")
-    if any(w < 0 for w in task.bound.values()) or not any(task.bound.values()):
-        raise ValueError(f"{where / 'bound'} needs weights of at least 0, not all of them 0.")
-    _check_terms(task.observations, registry.observations, where / "observations")
-    _check_terms(task.rewards, registry.rewards, where / "rewards")
-    _check_terms(task.terminations, registry.terminations, where / "terminations")
-    _check_terms(task.evaluation.terminations, registry.terminations, where / "evaluation.terminations")
-    _check_terms({m: {} for m in task.evaluation.metrics}, registry.metrics, where / "evaluation.metrics")
-    _check_terms({task.objective: {}}, registry.objectives, where / "objective")
-    if not any(p is not None for p in task.observations.values()):
+    if all(parameters is None for parameters in task.observations.values()):
         raise ValueError(f"{where / 'observations'} names no observation.")
-    return task
+    for name in task.evaluation.metrics:
+        _read_terms({name: {}}, registry.metrics, where / "evaluation.metrics")
+    _read_terms({task.objective: {}}, registry.objectives, where / "objective")
+    _check_modes(task, where)
+    ending = _read_terms(task.evaluation.terminations, registry.terminations, where / "evaluation.terminations")
+    return replace(
+        _without_removed_modes(task),
+        name=path.stem,
+        file=where.file,
+        robot_config=robot,
+        oracle_params=_read_oracles(task, where),
+        observations=_read_terms(task.observations, registry.observations, where / "observations"),
+        rewards=_read_terms(task.rewards, registry.rewards, where / "rewards"),
+        terminations=_read_terms(task.terminations, registry.terminations, where / "terminations"),
+        evaluation=replace(task.evaluation, terminations=ending),
+    )
 
 
 def task_path(name_or_path: str | Path) -> Path:
@@ -367,12 +406,12 @@ def task_path(name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
         path = Path(text)
-        if not path.is_file():
+        if not _is_file(path):
             raise ValueError(f"{text}: no such file.")
         return path
     path = TASKS_DIR / f"{text}.yaml"
-    if not path.is_file():
-        raise KeyError(f"unknown task '{text}'{did_you_mean(text, task_names())} Or give the path of a YAML file.")
+    if not _is_file(path):
+        raise KeyError(f"unknown task {text!r}{did_you_mean(text, task_names())} Or give the path of a YAML file.")
     return path
 
 
@@ -391,18 +430,23 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
         path = relative_to / name_or_path
     else:
         path = ROBOTS_DIR / name_or_path / "robot.yaml"
-        if not path.is_file():
+        if not _is_file(path):
             names = [p.parent.name for p in ROBOTS_DIR.glob("*/robot.yaml")]
-            raise KeyError(f"unknown robot '{name_or_path}'{did_you_mean(name_or_path, names)}")
-    robot = read(RobotConfig, read_yaml(path), Where(_shown(path)))
-    return replace(robot, path=path)
+            raise KeyError(f"unknown robot {name_or_path!r}{did_you_mean(name_or_path, names)}")
+    robot = replace(read(RobotConfig, read_yaml(path), Where(_shown(path))), path=path)
+    if not _is_file(robot.mjcf_path):
+        raise ValueError(f"{Where(_shown(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
+    return robot
 
 
 def _check_modes(task: TaskConfig, where: Where) -> None:
     if not task.mode_ranges:
         raise ValueError(f"{where / 'modes'} names no mode.")
+    for name in task.modes:
+        with _located(where / "modes"):
+            registry.modes.get(name)
     _check_ranges(task.mode_ranges, where / "modes", complete=True)
-    _check_names(task.sampling.weights, task.mode_ranges, where / "sampling.weights")
+    _check_names(task.sampling.weights, task.modes, where / "sampling.weights")
     _check_names(task.sampling.sequence, task.mode_ranges, where / "sampling.sequence")
     weights = [task.sampling.weights.get(m, 1.0) for m in task.mode_ranges]
     if task.sampling.order == "random" and not any(weights):
@@ -410,64 +454,95 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
     if task.curriculum is None:
         return
     inside = where / "curriculum"
-    _check_names(task.curriculum.modes, task.mode_ranges, inside / "modes")
+    _check_names(task.curriculum.modes, task.modes, inside / "modes")
     _check_ranges(task.curriculum.modes, inside / "modes", complete=False)
-    _check_names(task.curriculum.weights, task.mode_ranges, inside / "weights")
+    _check_names(task.curriculum.weights, task.modes, inside / "weights")
     start = [task.curriculum.weights.get(m, task.sampling.weights.get(m, 1.0)) for m in task.mode_ranges]
     if not any(w > 0 for w in start):
         raise ValueError(f"{inside / 'weights'} gives every mode the weight 0.")
 
 
+def _without_removed_modes(task: TaskConfig) -> TaskConfig:
+    """The task with weights and curriculum of the modes in use only."""
+
+    def used(by_mode: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in by_mode.items() if name in task.mode_ranges}
+
+    curriculum = task.curriculum
+    if curriculum is not None:
+        curriculum = replace(curriculum, modes=used(curriculum.modes), weights=used(curriculum.weights))
+    sampling = replace(task.sampling, weights=used(task.sampling.weights))
+    return replace(task, sampling=sampling, curriculum=curriculum)
+
+
 def _check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
     for name, ranges in modes.items():
-        with _located(where):
-            parameters = registry.modes.parameters(name)
-        with _located(where / name):
-            if complete:
+        parameters = registry.modes.parameters(name)
+        if complete:
+            with _located(where / name):
                 registry.modes.check(name, ranges)
-            else:
-                _check_names(ranges, parameters, where / name)
+        _check_names(ranges, parameters, where / name)
         for key, range_ in ranges.items():
             annotation = parameters[key].annotation
-            words = getattr(annotation, "__args__", ())
+            words = get_args(annotation) if get_origin(annotation) is Literal else ()
             if bool(words) != bool(range_.words):
-                expected = f"one of {', '.join(words)}" if words else "a number or [low, high]"
-                raise TypeError(f"{where / name / key} must be {expected}.")
+                found = ", ".join(range_.words) or " to ".join(f"{c:g}" for c in sorted({range_.low, range_.high}))
+                expected = f"one or more of the words {', '.join(words)}" if words else "a number or [low, high]"
+                raise TypeError(f"{where / name / key} must be {expected}, found {found}.")
             _check_names(range_.words, words, where / name / key)
-            for corner in range_.corners():
-                if not words and not (math.isfinite(float(corner)) and float(corner) >= 0):
-                    raise ValueError(f"{where / name / key} must be at least 0, found {corner}.")
+            if range_.low < 0:
+                raise ValueError(f"{where / name / key} must be at least 0, found {range_.low:g}.")
 
 
-def _check_oracle(task: TaskConfig, where: Where) -> None:
+def _read_oracles(task: TaskConfig, where: Where) -> dict[str, dict[str, Any]]:
+    """The parameters of the oracles, with the types that the oracles ask for."""
     with _located(where / "oracle"):
         registry.oracles.get(task.oracle)
-    for name, parameters in task.oracle_params.items():
-        _check_terms({name: parameters}, registry.oracles, where / "oracle_params")
-        for key, allowed in (("Q", STATE_NAMES), ("R", INPUT_NAMES)):
-            if isinstance(parameters.get(key), Mapping):
-                _check_names(parameters[key], allowed, where / "oracle_params" / name / key)
-    if task.oracle not in task.oracle_params:
-        _check_terms({task.oracle: {}}, registry.oracles, where / "oracle_params")
+    inside = where / "oracle_params"
+    read_params = _read_terms({task.oracle: {}, **task.oracle_params}, registry.oracles, inside)
+    for name, parameters in read_params.items():
+        _check_weights(parameters or {}, inside / name)
+    return {name: parameters or {} for name, parameters in read_params.items()}
 
 
-def _check_terms(terms: Mapping[str, Any], kinds: Registry[Any], where: Where) -> None:
+def _check_weights(parameters: dict[str, Any], where: Where) -> None:
+    """The weights of a linear-quadratic tracker: Q at least 0, R complete and above 0, eps above 0."""
+    Q, R, eps = (parameters.get(key) for key in ("Q", "R", "eps"))
+    if isinstance(Q, dict):
+        _check_names(Q, STATE_NAMES, where / "Q")
+        for name, weight in Q.items():
+            if weight < 0:
+                raise ValueError(f"{where / 'Q' / name} must be at least 0, found {weight:g}.")
+    if isinstance(R, dict):
+        _check_names(R, INPUT_NAMES, where / "R")
+        for name in INPUT_NAMES:
+            if name not in R:
+                raise KeyError(f"{where / 'R' / name} is missing: every input needs a weight.")
+            if R[name] <= 0:
+                raise ValueError(f"{where / 'R' / name} must be above 0, found {R[name]:g}.")
+    if isinstance(eps, float) and eps <= 0:
+        raise ValueError(f"{where / 'eps'} must be above 0, found {eps:g}.")
+
+
+def _read_terms(terms: Mapping[str, Any], kinds: Registry[Any], where: Where) -> Terms:
+    """The terms' parameters, with the types that their functions ask for."""
+    result: Terms = {}
     for name, given in terms.items():
         with _located(where):
             parameters = kinds.parameters(name)
-        if given is None:
-            continue
-        with _located(where / name):
-            kinds.check(name, given)
-        for key, value in given.items():
-            read(parameters[key].annotation, value, where / name / key)
+        if given is not None:
+            with _located(where / name):
+                kinds.check(name, given)
+            given = {key: read(parameters[key].annotation, value, where / name / key) for key, value in given.items()}
+        result[name] = given
+    return result
 
 
 def _check_names(found: Iterable[str], allowed: Iterable[str], where: Where) -> None:
     allowed = list(allowed)
     for name in found:
         if name not in allowed:
-            raise KeyError(f"{where} has '{name}'{did_you_mean(name, allowed)}")
+            raise KeyError(f"{where} has {name!r}{did_you_mean(name, allowed)}")
 
 
 class _located:
@@ -480,43 +555,45 @@ class _located:
         return None
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if isinstance(error, KeyError | ValueError) and error.args:
+        if isinstance(error, KeyError | ValueError | TypeError):
             raise type(error)(f"{self.where}: {error.args[0]}") from None
 
 
 def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
     if isinstance(overrides, Mapping):
-        yield from overrides.items()
+        yield from ((str(key), value) for key, value in overrides.items())
         return
+    if isinstance(overrides, str | bytes) or not isinstance(overrides, Iterable):
+        raise TypeError(f"{file}: overrides must be a mapping or a list of key=value, found {describe(overrides)}.")
     for text in overrides:
         key, sign, value = str(text).partition("=")
-        if not sign or not key:
-            raise ValueError(f"{file}: override '{text}' must have the form key=value.")
+        if not sign or not key or not value.strip():
+            raise ValueError(f"{file}: override {str(text)!r} must have the form key=value (null for nothing).")
         try:
-            yield key, yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise ValueError(f"{file}: override '{text}' has a value that is not YAML.") from None
+            yield key, read_value(value)
+        except ValueError as error:
+            raise ValueError(f"{file}: override {str(text)!r} has a value that is not YAML ({error}).") from None
 
 
-def _set(data: dict[str, Any], key: str, value: Any, file: str) -> None:
-    """Set a dotted key; the groups it goes through must exist (a term may be new)."""
-    *groups, last = key.split(".")
-    node = data
-    for depth, group in enumerate(groups):
-        if not isinstance(node.get(group), dict):
-            if group in node:
-                node[group] = {}
-            else:
-                found = ".".join(groups[: depth + 1])
-                close = difflib.get_close_matches(group, [str(k) for k in node], n=1)
-                hint = f" Did you mean '{close[0]}'?" if close else ""
-                raise KeyError(f"{file}: '{found}' is not a known key (allowed: {', '.join(map(str, node))}).{hint}")
-        node = node[group]
-    if isinstance(value, Mapping) and isinstance(node.get(last), dict):
-        for inner, inner_value in value.items():
-            _set(node[last], str(inner), inner_value, file)
-    else:
-        node[last] = value
+def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
+    """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
+    first, *rest = keys
+    if not rest and not isinstance(value, Mapping):
+        node[first] = value
+        return
+    if rest and not isinstance(node.get(first), dict | None):
+        raise TypeError(f"{where / first} is {describe(node[first])}: it has no {'.'.join(rest)!r} to set.")
+    if not isinstance(node.get(first), dict):
+        node[first] = {}
+    for key, inner in [(".".join(rest), value)] if rest else value.items():
+        _set(node[first], str(key).split("."), inner, where / first)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # e.g. a name that is too long
+        return False
 
 
 def _shown(path: Path) -> str:

@@ -84,7 +84,7 @@ def summarise(values: Iterable[float]) -> Summary:
         centre, half = mean, z * std / math.sqrt(n)
     low, high = centre - half, centre + half
     if fraction:
-        low, high = max(low, 0.0), min(high, 1.0)
+        low, high = max(min(low, mean), 0.0), min(max(high, mean), 1.0)
     return {"mean": mean, "std": std, "n": n, "ci95": [low, high]}
 
 

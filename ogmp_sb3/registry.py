@@ -57,7 +57,7 @@ class Registry(Generic[T]):
     def get(self, name: str) -> T:
         """:raises KeyError: if nothing is registered under ``name``."""
         if name not in self._functions:
-            raise KeyError(f"unknown {self.kind} '{name}'{did_you_mean(name, self._functions)}")
+            raise KeyError(f"unknown {self.kind} {name!r}{did_you_mean(name, self._functions)}")
         return self._functions[name]
 
     def names(self) -> list[str]:
@@ -80,7 +80,7 @@ class Registry(Generic[T]):
         given = list(given)
         for key in given:
             if key not in parameters:
-                raise KeyError(f"{self.kind} '{name}' has no parameter '{key}'{did_you_mean(key, parameters)}")
+                raise KeyError(f"{self.kind} '{name}' has no parameter {key!r}{did_you_mean(key, parameters)}")
         for key, parameter in parameters.items():
             if parameter.default is inspect.Parameter.empty and key not in given:
                 raise KeyError(f"{self.kind} '{name}' needs the parameter '{key}'.")

@@ -23,19 +23,22 @@ from ogmp_sb3.registry import did_you_mean
 
 T = TypeVar("T")
 
+LARGEST = 2**63  # whole numbers lie between this and its negative
+LONGEST = 120  # characters of a value that a message shows
+
 
 @dataclass(frozen=True)
 class Where:
     """A place in a file, for messages."""
 
     file: str
-    key: str = ""
+    key: str | None = None
 
     def __truediv__(self, key: object) -> Where:
-        return Where(self.file, f"{self.key}.{key}" if self.key else str(key))
+        return Where(self.file, str(key) if self.key is None else f"{self.key}.{key}")
 
     def __str__(self) -> str:
-        return f"{self.file}: '{self.key}'" if self.key else self.file
+        return self.file if self.key is None else f"{self.file}: {self.key!r}"
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -47,11 +50,27 @@ def read_yaml(path: Path) -> dict[str, Any]:
         data = OmegaConf.to_container(OmegaConf.load(path))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file.") from None
-    except (YAMLError, OmegaConfBaseException, OSError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ValueError(f"{path}: not readable as YAML (nested too deeply, or inside itself).") from None
+    except (YAMLError, OmegaConfBaseException, OSError, ValueError) as error:
         raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: expected a mapping at the top, found {_describe(data)}.")
+        raise ValueError(f"{path}: expected a mapping at the top, found {describe(data)}.")
     return typing.cast(dict[str, Any], data)
+
+
+def read_value(text: str) -> Any:
+    """Read one value as a YAML file would have it, ``1e-3`` being a number.
+
+    :raises ValueError: if it is not YAML
+    """
+    try:
+        # PyYAML alone follows YAML 1.1, where 1e-3 is text; OmegaConf's loader, which reads the files, does not.
+        return OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
+    except RecursionError:
+        raise ValueError("nested too deeply, or inside itself") from None
+    except (YAMLError, OmegaConfBaseException, ValueError) as error:
+        raise ValueError(" ".join(str(error).split())) from None
 
 
 def read(kind: type[T], data: Any, where: Where) -> T:
@@ -79,7 +98,7 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
         return _read(fitting[0], data, where)
     if origin is typing.Literal:
         if data not in arguments:
-            raise ValueError(f"{where} is {_describe(data)}{did_you_mean(data, map(str, arguments))}")
+            raise ValueError(f"{where} is {describe(data)}{did_you_mean(data, map(str, arguments))}")
         return data
     if origin is dict:
         return {str(k): _read(arguments[1], v, where / k) for k, v in _mapping(data, where).items()}
@@ -94,7 +113,7 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
 
 def _read_tuple(arguments: tuple[Any, ...], data: Any, where: Where) -> tuple[Any, ...]:
     if not isinstance(data, list | tuple):
-        raise TypeError(f"{where} must be a list, found {_describe(data)}.")
+        raise TypeError(f"{where} must be a list, found {describe(data)}.")
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         arguments = (arguments[0],) * len(data)
     if len(arguments) != len(data):
@@ -122,10 +141,12 @@ def _read_dataclass(kind: Any, data: Any, where: Where) -> Any:
 
 def _read_scalar(kind: Any, data: Any, where: Where) -> Any:
     words = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
-    if kind is float and isinstance(data, int) and not isinstance(data, bool):
+    if kind in (int, float) and type(data) is int and abs(data) >= LARGEST:
+        raise ValueError(f"{where} is too large: whole numbers have at most 64 bits.")
+    if kind is float and type(data) is int:
         data = float(data)
     if not isinstance(data, kind) or (kind is int and isinstance(data, bool)):
-        raise TypeError(f"{where} must be {words[kind]}, found {_describe(data)}.")
+        raise TypeError(f"{where} must be {words[kind]}, found {describe(data)}.")
     if kind is float and not math.isfinite(data):
         raise ValueError(f"{where} must be finite, found {data}.")
     return data
@@ -133,12 +154,16 @@ def _read_scalar(kind: Any, data: Any, where: Where) -> Any:
 
 def _mapping(data: Any, where: Where) -> dict[Any, Any]:
     if not isinstance(data, dict):
-        raise TypeError(f"{where} must be a mapping, found {_describe(data)}.")
+        raise TypeError(f"{where} must be a mapping, found {describe(data)}.")
     return data
 
 
-def _describe(data: Any) -> str:
-    names = {dict: "a mapping", list: "the list", str: "the text", bool: "the value", type(None): "nothing (null)"}
-    if isinstance(data, dict) or data is None:
-        return names[type(data)]
-    return f"{names.get(type(data), 'the number')} {data!r}"
+def describe(data: Any) -> str:
+    """What was found, for a message: ``"the text 'abc'"``."""
+    if data is None:
+        return "nothing (null)"
+    if isinstance(data, dict):
+        return "a mapping"
+    names = {list: "the list", tuple: "the list", str: "the text", int: "the number", float: "the number"}
+    text = " ".join(repr(data).split())
+    return f"{names.get(type(data), 'the value')} {text if len(text) <= LONGEST else text[:LONGEST] + '...'}"

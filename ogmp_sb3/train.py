@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import platform
 import signal
@@ -29,7 +30,7 @@ from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
-LOG_EVERY = 16_384  # samples between two rows of progress.csv
+LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 REPLACES_TASK = ("rho", "oracle", "horizon")
 RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
 
@@ -168,7 +169,7 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
             model.learn(
                 remaining,
                 callback=callbacks,
-                log_interval=max(1, LOG_EVERY // (config.ppo.n_steps * config.num_envs)),
+                log_interval=max(1, min(LOG_EVERY, remaining // 20) // (config.ppo.n_steps * config.num_envs)),
                 reset_num_timesteps=False,
             )
     except StopTraining:
@@ -217,7 +218,7 @@ def _write_run_files(run_dir: Path, task_data: dict[str, Any], task: TaskConfig,
 def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
     """The task of a composed configuration, with the bare rho, oracle and horizon put in."""
     name = HydraConfig.get().runtime.choices["task"]
-    path = _task_files.get(name, TASKS_DIR / f"{name}.yaml")
+    path = _task_file(name)
     data = OmegaConf.to_container(cfg.task)
     assert isinstance(data, dict)
     for key in REPLACES_TASK:
@@ -227,6 +228,17 @@ def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
     if robot.endswith((".yaml", ".yml")):
         data["robot"] = str((path.parent / robot).resolve())
     return task_from_data(data, path), data  # type: ignore[return-value,arg-type]
+
+
+def _task_file(name: str) -> Path:
+    """Where Hydra found a task: a path given by the user, the user's directory, or ours."""
+    if name in _task_files:
+        return _task_files[name]
+    for source in HydraConfig.get().runtime.config_sources:
+        path = Path(source.path) / "task" / f"{name}.yaml"
+        if source.schema == "file" and path.is_file():
+            return path
+    return TASKS_DIR / f"{name}.yaml"
 
 
 @hydra.main(version_base="1.3", config_path="conf", config_name="train")
@@ -266,7 +278,10 @@ _task_files: dict[str, Path] = {}  # tasks given by path, by the name they are r
 def _register_tasks(arguments: list[str]) -> list[str]:
     """Make shipped tasks, and tasks given by path, known to Hydra; returns the arguments with names for paths."""
     store = ConfigStore.instance()
+    own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")}
     for path in TASKS_DIR.glob("*.yaml"):
+        if path.stem in own:
+            continue  # a user's file of the same name counts
         store.store(group="task", name=path.stem, node=OmegaConf.create(read_yaml(path)))
     rewritten = []
     for argument in arguments:
@@ -285,6 +300,12 @@ def _register_tasks(arguments: list[str]) -> list[str]:
     return rewritten
 
 
+def _config_dirs(arguments: list[str]) -> list[Path]:
+    """What ``--config-dir`` names."""
+    found = [Path(a.partition("=")[2]) for a in arguments if a.startswith("--config-dir=")]
+    return found + [Path(b) for a, b in itertools.pairwise(arguments) if a in ("--config-dir", "-cd")]
+
+
 def _fail(error: Exception) -> None:
     print(f"ogmp-train: {error.args[0] if error.args else error}", file=sys.stderr)
     raise SystemExit(2) from None
@@ -297,9 +318,11 @@ def main() -> None:
         if any(argument.startswith("resume=") for argument in arguments):
             _resume(arguments)
             return
-        sys.argv[1:] = _register_tasks(arguments)
+        arguments = _register_tasks(arguments)
     except (ValueError, KeyError, TypeError) as error:
         _fail(error)
+    # Hydra wants its options before the overrides; people write them anywhere.
+    sys.argv[1:] = sorted(arguments, key=lambda a: "=" in a and not a.startswith("-"))
     _hydra_main()
 
 

@@ -1,0 +1,204 @@
+"""ogmp-train, ogmp-eval and ogmp-check as a user runs them, with budgets of seconds."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import io
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import torch as th
+import yaml
+from safetensors.torch import load_file
+
+from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+
+SMALL = ["num_envs=8", "ppo.n_steps=16", "ppo.batch_size=64", "ppo.n_epochs=2", "torch_threads=1", "physics_threads=1"]
+
+
+@dataclass
+class Result:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def program(name: str, *arguments: str, cwd: Path) -> Result:
+    """Run a program as the shell would, without the seconds that a new interpreter costs."""
+    out, err = io.StringIO(), io.StringIO()
+    code = 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(cwd)
+        patch.setattr("sys.argv", [f"ogmp-{name}", *arguments])
+        try:
+            importlib.import_module(f"ogmp_sb3.{name}").main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+    return Result(code, out.getvalue(), err.getvalue())
+
+
+def progress(run_dir: Path) -> list[int]:
+    with (run_dir / "progress.csv").open(newline="") as file:
+        return [int(row["time/total_timesteps"]) for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("train")
+    arguments = ["task=parkour", "rho=0.4", "oracle=lqr", "total_timesteps=600", "checkpoint_interval=256", *SMALL]
+    done = program("train", *arguments, "hydra.run.dir=first", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "first"
+
+
+def test_a_run_directory_holds_config_log_events_and_checkpoints(run: Path) -> None:
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    assert config["task"]["rho"] == 0.4
+    assert config["task"]["oracle"] == "lqr"
+    assert config["train"]["num_envs"] == 8
+    assert "mujoco" in config["versions"]
+    assert progress(run)[-1] >= 600
+    assert list(run.glob("events.out.tfevents.*"))
+    assert [int(p.name) for p in checkpoint_dirs(run)] == [256, 512, 640]
+
+
+def test_the_log_has_terms_causes_deviation_and_speed(run: Path) -> None:
+    with (run / "progress.csv").open(newline="") as file:
+        columns = next(csv.reader(file))
+    for column in ("return", "length", "distance", "deviation", "level", "position_tracking", "torque_regulation"):
+        assert f"episode/{column}" in columns
+    assert "time/fps" in columns
+    assert any(column.startswith("termination/") for column in columns)
+
+
+def test_a_policy_is_tensors_and_json_and_knows_its_task(run: Path) -> None:
+    loaded = load_policy(run)
+    assert (loaded.task.rho, loaded.task.oracle, loaded.task.name) == (0.4, "lqr", "parkour")
+    assert loaded.policy.features_extractor.count > 0
+    assert {p.suffix for p in loaded.path.iterdir()} == {".safetensors", ".json"}
+
+
+def test_resume_goes_on_in_the_same_directory(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    before = progress(copy)
+    weights = load_file(checkpoint_dirs(copy)[-1] / "policy.safetensors")
+    done = program("train", f"resume={copy}", "total_timesteps=1100", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "resumed at step 640" in done.stdout
+    assert progress(copy)[: len(before)] == before
+    assert progress(copy) == sorted(set(progress(copy)))
+    assert int(checkpoint_dirs(copy)[-1].name) == 1152
+    after = load_file(checkpoint_dirs(copy)[-1] / "policy.safetensors")
+    assert not th.equal(weights["action_net.weight"], after["action_net.weight"])
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ogmp_sb3.train", "task=dive", *SMALL, "hydra.run.dir=run"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not (tmp_path / "run" / "progress.csv").is_file() and time.monotonic() < deadline:
+            time.sleep(0.2)
+        time.sleep(2.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert f"ogmp-train resume={tmp_path / 'run'}" in out
+    assert checkpoint_dirs(tmp_path / "run")
+
+
+def test_multirun_trains_every_combination(tmp_path: Path) -> None:
+    arguments = ["-m", "task=dive", "rho=0.2,null", "total_timesteps=128", *SMALL, "hydra.sweep.dir=sweep"]
+    done = program("train", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = [yaml.safe_load(p.read_text())["task"]["rho"] for p in sorted((tmp_path / "sweep").glob("*/config.yaml"))]
+    assert sorted(found, key=str) == [0.2, None]
+
+
+def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: Path) -> None:
+    source = Path(__file__).parents[1] / "tasks" / "stairs.yaml"
+    (tmp_path / "mine" / "task").mkdir(parents=True)
+    for name in ("hill", "slope"):
+        shutil.copy(source, tmp_path / "mine" / "task" / f"{name}.yaml")
+    for name, arguments in (("hill", ["task=mine/task/hill.yaml"]), ("slope", ["task=slope", "--config-dir", "mine"])):
+        done = program("train", *arguments, "total_timesteps=128", *SMALL, "hydra.run.dir=run", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert load_policy(tmp_path / "run").task.name == name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["task=parkour", "rho=-1"], "'rho' must be above 0"),
+        (["task=parkour", "oracle=previw"], "Did you mean 'preview'"),
+        (["task=parkour", "num_envs=0"], "'num_envs' must be at least 1"),
+        (["task=parkour", "seed=-1"], "'seed' must be at least 0"),
+        (["task=parkour", "task.modes.jump.h=[0.3,0.1]"], "'modes.jump.h' is a reversed range"),
+        (["task=parkour", "torch_threads=many"], "'torch_threads' must be auto or a whole number"),
+        (["task=nowhere.yaml"], "nowhere.yaml: no such file"),
+        (["task=parcour"], "parkour"),
+        (["resume=nowhere"], "nowhere/config.yaml: no such file"),
+    ],
+)
+def test_a_users_mistake_is_a_sentence_without_a_traceback(arguments, sentence, tmp_path: Path) -> None:
+    done = program("train", *arguments, "hydra.run.dir=run" if "resume" not in arguments[0] else "", cwd=tmp_path)
+    assert done.returncode != 0
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) -> None:
+    done = program("evaluate", f"run={run}", "episodes=6", f"out={tmp_path}", "rho=0.2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "metrics.json").read_text())
+    wanted = {"max_heading_acceleration_g", "max_heading_speed_mps", "max_froude", "episode_length_fraction"}
+    wanted |= {"no_fall_fraction", "distance_m", "return", "surrogate_objective", "true_objective"}
+    assert set(report["metrics"]) == wanted
+    for summary in report["metrics"].values():
+        assert summary["n"] == 6
+        assert summary["ci95"][0] <= summary["mean"] <= summary["ci95"][1]
+    assert sum(report["terminations"].values()) == 6
+    assert "distance_m" in done.stdout
+
+
+def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) -> None:
+    grid = "grid=leap.w:0.1:0.3:2,leap.d:0.4:0.5:2"
+    done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", "evaluation.episode_steps=20", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "metrics.json").read_text())["grid"]
+    assert [(cell["w"], cell["d"]) for cell in report["cells"]] == [(0.1, 0.4), (0.1, 0.5), (0.3, 0.4), (0.3, 0.5)]
+    assert report["trained"]["w"] == [0.2, 0.35]
+    assert (tmp_path / "grid.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["run=nowhere"], "'nowhere' is neither a run directory nor a shipped policy"),
+        (["episodes=3"], "'run' is missing"),
+        (["run={run}", "modes.jmp.h=1"], "unknown mode 'jmp'"),
+        (["run={run}", "grid=jump.w"], "'grid' needs two parameters of one mode"),
+        (["run={run}", "grid=jump.q,jump.h"], "no number 'q'"),
+    ],
+)
+def test_eval_mistakes_are_a_sentence(arguments, sentence, run: Path, tmp_path: Path) -> None:
+    done = program("evaluate", *(a.format(run=run) for a in arguments), cwd=tmp_path)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_check_validates_lists_and_draws(tmp_path: Path) -> None:
+    done = program("check", "dive", f"out={tmp_path}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "preview" in done.stdout and "flip" in done.stdout
+    assert (tmp_path / "references.png").stat().st_size > 5000
