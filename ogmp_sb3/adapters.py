@@ -22,6 +22,14 @@ def _spaces(env: BatchEnv) -> tuple[spaces.Box, spaces.Box]:
     return spaces.Box(-bound, bound, dtype=np.float32), spaces.Box(-1.0, 1.0, (env.action_size,), np.float32)
 
 
+def _loaded(task: str | Path | TaskConfig, overrides: dict[str, Any]) -> TaskConfig:
+    if not isinstance(task, TaskConfig):
+        return load_task(task, overrides)
+    if overrides:
+        raise TypeError(f"a loaded task takes no overrides (found {', '.join(overrides)}); give them to load_task.")
+    return task
+
+
 class OgmpVecEnv(VecEnv):
     """Many environments of a task as one SB3 ``VecEnv``; episodes reset themselves, time-outs are truncations.
 
@@ -61,11 +69,12 @@ class OgmpVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         result = self.batch.step(self._actions)
-        self._add(r=result.reward, deviation=result.view.deviation, **result.reward_terms)
+        deviation = np.nan_to_num(result.view.deviation)
+        self._add(r=result.reward, deviation=deviation, **result.reward_terms)
         dones = result.terminated | result.truncated
         infos: list[dict[str, Any]] = [
             {"deviation": d, "termination": t, "TimeLimit.truncated": False}
-            for d, t in zip(result.view.deviation.tolist(), result.termination.tolist(), strict=True)
+            for d, t in zip(deviation.tolist(), result.termination.tolist(), strict=True)
         ]
         observation = result.observation
         rows = np.flatnonzero(dones)
@@ -83,12 +92,12 @@ class OgmpVecEnv(VecEnv):
         return observation, result.reward.astype(np.float32), dones, infos
 
     def _x(self) -> np.ndarray:
-        return self.batch.sim.qpos[:, self.batch.sim.base_qpos]
+        return np.nan_to_num(self.batch.sim.qpos[:, self.batch.sim.base_qpos])
 
     def _add(self, **values: np.ndarray) -> None:
         for name, value in values.items():
             self._sums.setdefault(name, np.zeros(self.num_envs))
-            self._sums[name] += value
+            self._sums[name] += np.nan_to_num(value)  # a simulation that exploded counts for nothing
 
     def _summary(self, row: int, x: float) -> dict[str, Any]:
         length = int(self.batch.step_count[row])
@@ -102,6 +111,18 @@ class OgmpVecEnv(VecEnv):
             "modes": len(self.batch.modes[row]),
             **{name: s / length for name, s in sums.items()},
         }
+
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """All that the next steps depend on. See :meth:`BatchEnv.state`."""
+        arrays, plain = self.batch.state()
+        sums = {f"sum.{name}": values.copy() for name, values in self._sums.items()}
+        return {**arrays, **sums, "start_x": self._start_x.copy()}, plain
+
+    def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
+        """Go on exactly where :meth:`state` was taken. See :meth:`BatchEnv.set_state`."""
+        self.batch.set_state(arrays, plain)
+        self._sums = {k.removeprefix("sum."): v.copy() for k, v in arrays.items() if k.startswith("sum.")}
+        self._start_x = arrays["start_x"].copy()
 
     def close(self) -> None:
         pass
@@ -137,18 +158,19 @@ class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
 
     def __init__(self, task: TaskConfig | str | Path = "parkour", **overrides: Any) -> None:
-        if not isinstance(task, TaskConfig):
-            task = load_task(task, overrides)
+        task = _loaded(task, overrides)
         self.batch = BatchEnv(task, num_envs=1, threads=1)
         self.observation_space, self.action_space = _spaces(self.batch)
+        self._seeded = False
         self.metadata = {"render_modes": [], "render_fps": round(1 / task.control_dt)}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         super().reset(seed=seed)
-        if seed is not None:
-            self.batch.seed_row(0, seed)
+        if seed is not None or not self._seeded:
+            self.batch.seed_row(0, int(self.np_random.integers(2**31)) if seed is None else seed)
+            self._seeded = True
         return self.batch.reset()[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -171,6 +193,4 @@ def make_env(task: str | Path | TaskConfig, num_envs: int = 1, seed: int = 0, **
     :param seed: environment i is seeded with ``seed + i``
     :param overrides: replace values of the task, e.g. ``rho=0.3, oracle="lqr"``
     """
-    if not isinstance(task, TaskConfig):
-        task = load_task(task, overrides)
-    return OgmpVecEnv(task, num_envs, seed)
+    return OgmpVecEnv(_loaded(task, overrides), num_envs, seed)

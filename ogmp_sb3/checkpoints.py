@@ -1,14 +1,19 @@
 """Policies and trainings on disk: safetensors and JSON only, nothing that can run code.
 
 A policy is a directory with ``policy.safetensors`` (weights and normaliser) and ``policy.json`` (its task and
-network). A checkpoint of a training is such a directory with ``trainer.safetensors`` and ``trainer.json`` beside.
+network). A checkpoint of a training is such a directory with ``trainer.safetensors`` and ``trainer.json`` beside,
+which hold everything else that the next step depends on, and ``manifest.json`` with the checksums.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import random
 import shutil
+import warnings
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,13 +23,16 @@ import torch as th
 from gymnasium import spaces
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
+from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import PACKAGE, TaskConfig, task_from_data
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.recurrent import LstmPolicy, Normaliser, RecurrentPPO
 from ogmp_sb3.registry import did_you_mean
 
 FORMAT = 1
+MANIFEST = "manifest.json"
 POLICIES_DIR = PACKAGE / "policies"
 
 
@@ -46,46 +54,115 @@ class LoadedPolicy:
     """the directory"""
 
 
-def save_checkpoint(model: RecurrentPPO, folder: Path, info: dict[str, Any], trainer: dict[str, Any]) -> None:
-    """Write a policy and what its training needs to go on, all or nothing.
+def save_checkpoint(
+    model: RecurrentPPO, folder: Path, info: dict[str, Any], statistics: dict[str, Any] | None = None
+) -> None:
+    """Write a policy and all its training needs to go on bit for bit; all or nothing.
 
-    :param model: the learner
+    To be called between two updates: rollout buffers are not saved.
+
+    :param model: the learner, on an :class:`~ogmp_sb3.adapters.OgmpVecEnv`
     :param folder: the directory to make; an existing one is replaced
     :param info: plain data for ``policy.json``: the task and how the policy came about
-    :param trainer: plain data for ``trainer.json``
+    :param statistics: plain data of the logs, given back by :func:`load_trainer`
     """
+    env = model.env
+    assert isinstance(env, OgmpVecEnv)
+    arrays, plain = env.state()
+    trainer = {
+        "num_timesteps": model.num_timesteps,
+        "updates": model._n_updates,
+        "episodes": list(model.ep_info_buffer or []),
+        "statistics": statistics or {},
+        "environment": plain,
+        "python_generator": random.getstate(),
+        "numpy_generator": _numpy_generator(),
+    }
+    tensors = {f"env.{name}": th.as_tensor(array) for name, array in arrays.items()}
+    tensors |= {f"lstm.{i}": tensor for i, tensor in enumerate(_lstm_tensors(model))}
+    tensors |= {f"optimiser.{name}": tensor for name, tensor in _optimiser_tensors(model).items()}
+    tensors["torch_generator"] = th.get_rng_state()
+    tensors["last_observation"] = th.as_tensor(model._last_obs)
+    tensors["last_episode_starts"] = th.as_tensor(model._last_episode_starts)
+
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = folder.with_name(f".{folder.name}.tmp")
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir()
     _save_tensors(temporary / "policy.safetensors", model.policy.state_dict())
     _save_json(temporary / "policy.json", {"format": FORMAT, "network": _network(model.policy), **info})
-    _save_tensors(temporary / "trainer.safetensors", _optimiser_tensors(model))
+    _save_tensors(temporary / "trainer.safetensors", tensors)
     _save_json(temporary / "trainer.json", trainer)
+    sums = {file.name: _checksum(file) for file in sorted(temporary.iterdir())}
+    _save_json(temporary / MANIFEST, sums)
+    if folder.exists():
+        shutil.rmtree(folder)
+    temporary.rename(folder)
+    _sync(folder.parent)
+
+
+def load_trainer(model: RecurrentPPO, folder: Path) -> dict[str, Any]:
+    """Put a checkpoint's weights, optimiser, generators and simulations into a fresh learner.
+
+    :param model: a learner with the same network, task and number of environments
+    :param folder: the checkpoint
+    :return: the statistics given to :func:`save_checkpoint`
+    :raises ValueError: if the checkpoint is damaged or does not fit
+    """
+    verify(folder)
+    _load_weights(model.policy, folder)
+    tensors = _load_tensors(folder / "trainer.safetensors")
+    trainer = _load_json(folder / "trainer.json")
+    env = model.env
+    assert isinstance(env, OgmpVecEnv)
+    try:
+        state = model.policy.optimizer.state_dict()
+        state["state"] = {
+            i: {name: tensors[f"optimiser.{i}.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
+            for i in state["param_groups"][0]["params"]
+            if f"optimiser.{i}.step" in tensors
+        }
+        model.policy.optimizer.load_state_dict(state)
+        arrays = {k.removeprefix("env."): t.numpy() for k, t in tensors.items() if k.startswith("env.")}
+        env.set_state(arrays, trainer["environment"])
+        model.num_timesteps, model._n_updates = trainer["num_timesteps"], trainer["updates"]
+        model.ep_info_buffer = deque(trainer["episodes"], maxlen=model._stats_window_size)
+        model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+        model._last_obs = tensors["last_observation"].numpy()
+        model._last_episode_starts = tensors["last_episode_starts"].numpy()
+        lstm = [tensors[f"lstm.{i}"] for i in range(4)]
+        model._last_lstm_states = RNNStates((lstm[0], lstm[1]), (lstm[2], lstm[3]))
+        version, internal, gauss = trainer["python_generator"]
+        random.setstate((version, tuple(internal), gauss))
+        np.random.set_state(trainer["numpy_generator"])
+        th.set_rng_state(tensors["torch_generator"])
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{folder}: the checkpoint does not fit ({error}).") from None
+    return trainer["statistics"]  # type: ignore[no-any-return]
+
+
+def copy_policy(checkpoint: Path, folder: Path) -> None:
+    """Copy what a policy needs out of a checkpoint, all or nothing; an existing copy is replaced."""
+    temporary = folder.with_name(f".{folder.name}.tmp")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    for name in ("policy.safetensors", "policy.json"):
+        shutil.copy(checkpoint / name, temporary / name)
+        _sync(temporary / name)
     if folder.exists():
         shutil.rmtree(folder)
     temporary.rename(folder)
 
 
-def load_trainer(model: RecurrentPPO, folder: Path) -> dict[str, Any]:
-    """Put a checkpoint's weights and optimiser into a fresh learner; returns what ``trainer.json`` says.
+def verify(folder: Path) -> None:
+    """Check that every file of a checkpoint is there and as it was written.
 
-    :raises ValueError: if the checkpoint is damaged or does not fit
+    :raises ValueError: naming the first that is not
     """
-    _load_weights(model.policy, folder)
-    tensors = _load_tensors(folder / "trainer.safetensors")
-    state = model.policy.optimizer.state_dict()
-    parameters = state["param_groups"][0]["params"]
-    try:
-        state["state"] = {
-            i: {name: tensors[f"{i}.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
-            for i in parameters
-            if f"{i}.step" in tensors
-        }
-    except KeyError as error:
-        raise ValueError(f"{folder / 'trainer.safetensors'}: lacks {error}.") from None
-    model.policy.optimizer.load_state_dict(state)
-    return _load_json(folder / "trainer.json")
+    for name, expected in _load_json(folder / MANIFEST).items():
+        file = folder / Path(name).name
+        if not file.is_file() or _checksum(file) != expected:
+            raise ValueError(f"{file}: damaged or missing (its checksum is not that of {MANIFEST}).")
 
 
 def load_policy(run: str | Path) -> LoadedPolicy:
@@ -157,11 +234,18 @@ def checkpoint_dirs(run_dir: Path) -> list[Path]:
 
 
 def latest_checkpoint(run_dir: Path) -> Path:
-    """:raises KeyError: if the run has no checkpoint."""
-    found = checkpoint_dirs(run_dir)
-    if not found:
-        raise KeyError(f"'{run_dir}' has no checkpoint to load.")
-    return found[-1]
+    """The newest checkpoint that is whole; damaged ones are passed over with a warning.
+
+    :raises KeyError: if the run has none
+    """
+    for folder in reversed(checkpoint_dirs(run_dir)):
+        try:
+            verify(folder)
+        except ValueError as error:
+            warnings.warn(f"{error} Falling back to the checkpoint before.", stacklevel=2)
+        else:
+            return folder
+    raise KeyError(f"'{run_dir}' has no checkpoint to load.")
 
 
 def _network(policy: LstmPolicy) -> dict[str, Any]:
@@ -173,6 +257,21 @@ def _network(policy: LstmPolicy) -> dict[str, Any]:
             "n_lstm_layers": policy.lstm_actor.num_layers,
         },
     }
+
+
+def _numpy_generator() -> list[Any]:
+    name, keys, *rest = np.random.get_state()
+    return [name, np.asarray(keys).tolist(), *rest]
+
+
+def _lstm_tensors(model: RecurrentPPO) -> list[th.Tensor]:
+    states = model._last_lstm_states
+    assert states is not None
+    return [*states.pi, *states.vf]
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _optimiser_tensors(model: RecurrentPPO) -> dict[str, th.Tensor]:
@@ -216,5 +315,8 @@ def _load_json(path: Path) -> dict[str, Any]:
 
 
 def _sync(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

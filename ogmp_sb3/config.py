@@ -499,7 +499,8 @@ def _read_oracles(task: TaskConfig, where: Where) -> dict[str, dict[str, Any]]:
     with _located(where / "oracle"):
         registry.oracles.get(task.oracle)
     inside = where / "oracle_params"
-    read_params = _read_terms({task.oracle: {}, **task.oracle_params}, registry.oracles, inside)
+    unnamed: dict[str, Any] = {} if task.oracle in task.oracle_params else {task.oracle: {}}
+    read_params = _read_terms({**task.oracle_params, **unnamed}, registry.oracles, inside)
     for name, parameters in read_params.items():
         _check_weights(parameters or {}, inside / name)
     return {name: parameters or {} for name, parameters in read_params.items()}

@@ -13,18 +13,22 @@ from ogmp_sb3.config import TaskConfig
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.oracles import Oracle, Plant
 from ogmp_sb3.reference import END, SPAN_SIZE, Reference, hold_row, set_points, span_row
-from ogmp_sb3.rotations import quat_rotate, quat_to_rpy, rpy_to_quat
-from ogmp_sb3.sampling import ModeCall, corner_segments, sample_mode
+from ogmp_sb3.rotations import rpy_to_quat
+from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
 from ogmp_sb3.sim import Simulation
-from ogmp_sb3.srb import OMEGA, POS, RPY, STATE_NAMES, STATE_SIZE, VEL
+from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE, VEL
 from ogmp_sb3.terrain import Plateau, empty_terrain, height_at, place
-from ogmp_sb3.view import EnvView, deviation
+from ogmp_sb3.view import EnvView, deviation, srb_state
 
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
 KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
 REACH = 1.2  # m: terrain ahead of the base that is always there
 MAX_SPANS = 24  # spans kept for each environment
 
+STATE_ARRAYS = (
+    "terrain", "_spans", "_span_count", "_laid", "_mode_count", "_reference", "_reference_quat", "_period", "_phase",
+    "step_count", "level", "_ended",
+)  # fmt: skip
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
@@ -79,6 +83,7 @@ class BatchEnv:
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self._timed, self._lookahead, most_steps = _extent(task)
         self._oracle = make_oracle(task)
+        self._sampler = ModeSampler(task)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
@@ -97,10 +102,13 @@ class BatchEnv:
         self._period = np.ones(num_envs, dtype=int)
         self._phase = np.zeros(num_envs, dtype=int)
         self.step_count = np.zeros(num_envs, dtype=int)
-        self.level = np.full(num_envs, 1.0 if task.curriculum is None else 0.0)
-        self._started = np.zeros(num_envs, dtype=bool)
+        self._first_level = 1.0 if task.curriculum is None else 0.0
+        self.level = np.full(num_envs, self._first_level)
+        self._ended = np.zeros(num_envs, dtype=bool)
         self.seed(seed)
-        self.observation_scale = self._signals(self.reset_view())[1]
+        self.reset()
+        self.observation_scale = self._signals(self.view())[1]
+        self.seed(seed)
 
     # ------------------------------------------------------------------ interface
 
@@ -115,23 +123,21 @@ class BatchEnv:
         return len(self._nominal)
 
     def seed(self, seed: int) -> None:
-        """Give row ``i`` the generator of ``seed + i``."""
+        """Give row ``i`` the generator of ``seed + i``, and start its curriculum anew."""
         self._rng = [np.random.default_rng(seed + i) for i in range(self.num_envs)]
+        self._ended[:] = False
+        self.level[:] = self._first_level
 
     def seed_row(self, row: int, seed: int) -> None:
-        """Give one row a generator of its own."""
+        """Give one row a generator of its own, and start its curriculum anew."""
         self._rng[row] = np.random.default_rng(seed)
-
-    def reset_view(self) -> EnvView:
-        """A view of all environments after a reset of all, for shapes."""
-        self.reset()
-        self._started[:] = False
-        return self.view()
+        self._ended[row] = False
+        self.level[row] = self._first_level
 
     def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
         """Begin new episodes.
 
-        :param rows: which environments, shape (n,), int; None for all
+        :param rows: which environments, sorted, shape (n,), int; None for all
         :return: their observations, shape (n, size), float32
         """
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
@@ -152,14 +158,14 @@ class BatchEnv:
         self.sim.set_terrain(rows, self.terrain[rows])
         self.sim.place(rows, base, self._nominal)
         self._query(rows)
-        self._started[rows] = True
+        self._ended[rows] = False
         return self._observe(self.view(rows))
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
 
         :param actions: shape (num_envs, joints), clipped to [-1, 1]
-        :param rows: step the physics of these only; the results of the others mean nothing
+        :param rows: step the physics of these only (sorted); the results of the others mean nothing
         """
         task = self.task
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
@@ -173,6 +179,7 @@ class BatchEnv:
         reward_terms = {name: term(view) for name, term in self._rewards.items()}
         reward = np.sum(list(reward_terms.values()), axis=0) if reward_terms else np.zeros(self.num_envs)
         termination = self._end(view, reward)
+        self._ended = termination != RUNNING
         terminated = (termination != RUNNING) & (termination != TIME_LIMIT)
         reward = np.where(np.isfinite(reward), reward, 0.0)
 
@@ -184,9 +191,7 @@ class BatchEnv:
                 for row in due:
                     self._extend(row, 0.0)
             self._query(due)
-            seen = replace(view, phase=self._phase.copy(), period=self._period.copy(), terrain=self.terrain)
-        else:
-            seen = view
+        seen = replace(view, phase=self._phase, period=self._period, terrain=self.terrain)
         return StepResult(
             observation=self._observe(seen),
             reward=reward,
@@ -197,6 +202,32 @@ class BatchEnv:
             reward_terms=reward_terms,
         )
 
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """All that the next steps depend on: arrays, and plain data (generators and the modes drawn so far)."""
+        arrays = {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
+        plain = {
+            "generators": [generator.bit_generator.state for generator in self._rng],
+            "modes": [[[call.name, call.parameters] for call in calls] for calls in self.modes],
+        }
+        return arrays, plain
+
+    def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
+        """Go on exactly where :meth:`state` was taken, in an environment of the same task and size.
+
+        :raises ValueError: if the state is of another task or number of environments
+        """
+        for name in STATE_ARRAYS:
+            if name not in arrays or arrays[name].shape != getattr(self, name).shape:
+                raise ValueError(f"the saved state does not fit this task and {self.num_envs} environments ({name}).")
+            getattr(self, name)[...] = arrays[name]
+        every = np.arange(self.num_envs)
+        self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
+        self.sim.set_terrain(every, self.terrain)
+        self.sim.batch.state[...] = arrays["sim"]
+        for generator, state in zip(self._rng, plain["generators"], strict=True):
+            generator.bit_generator.state = state
+        self.modes = [[ModeCall(name, parameters) for name, parameters in calls] for calls in plain["modes"]]
+
     # ------------------------------------------------------------------ parts of a step
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:
@@ -205,25 +236,21 @@ class BatchEnv:
         every = np.arange(self.num_envs) if rows is None else rows
         p, v = sim.base_qpos, sim.base_qvel
         qpos, qvel = sim.qpos[every], sim.qvel[every]
-        position, quat = qpos[:, p : p + 3], qpos[:, p + 3 : p + 7]
-        joint_pos, joint_vel = qpos[:, sim.joint_qpos], qvel[:, sim.joint_qvel]
-        ctrl = sim.ctrl[every][:, sim.actuators]
-        terrain = self.terrain[every]
-        phase = self._phase[every]
-        state = np.empty((len(every), STATE_SIZE))
-        state[:, RPY] = quat_to_rpy(quat)
-        state[:, POS] = position
-        state[:, OMEGA] = quat_rotate(quat, qvel[:, v + 3 : v + 6])
-        state[:, VEL] = qvel[:, v : v + 3]
+        # np.take keeps rows contiguous, so that sums over a row do not depend on how many rows there are.
+        joint_pos, joint_vel = qpos.take(sim.joint_qpos, axis=1), qvel.take(sim.joint_qvel, axis=1)
+        terrain, phase = self.terrain[every], self._phase[every]
+        position = qpos[:, p : p + 3]
+        state, linvel_b = srb_state(qpos[:, p : p + 7], qvel[:, v : v + 6])
         reference = self._reference[every, phase]
         return EnvView(
             base_pos_w=position,
-            base_quat=quat,
+            base_quat=qpos[:, p + 3 : p + 7],
             base_linvel_w=state[:, VEL],
+            base_linvel_b=linvel_b,
             base_angvel_b=qvel[:, v + 3 : v + 6],
             joint_pos=joint_pos,
             joint_vel=joint_vel,
-            torque=sim.kp * (ctrl - joint_pos) - sim.kd * joint_vel,
+            torque=sim.kp * (sim.ctrl[every].take(sim.actuators, axis=1) - joint_pos) - sim.kd * joint_vel,
             body_contact=sim.body_contact()[every],
             terrain=terrain,
             ground_height=height_at(terrain, position[:, None, :2])[:, 0],
@@ -245,7 +272,10 @@ class BatchEnv:
         if task.min_step_reward is not None:
             rules.append((LOW_REWARD, reward < task.min_step_reward))
         rules.append((TIME_LIMIT, self.step_count >= task.episode_steps))
-        return np.select([mask for _, mask in rules], [name for name, _ in rules], default=RUNNING)
+        which = np.full(self.num_envs, len(rules))
+        for i, (_, mask) in reversed(list(enumerate(rules))):
+            which[mask] = i
+        return np.array([*(name for name, _ in rules), RUNNING])[which]
 
     def _signals(self, view: EnvView) -> tuple[np.ndarray, np.ndarray]:
         signals: list[Signal] = [term(view) for term in self._observations.values()]
@@ -261,7 +291,7 @@ class BatchEnv:
             return
         lasted = self.step_count[rows] / self.task.episode_steps
         change = np.where(lasted > curriculum.raise_above, 1.0, np.where(lasted < curriculum.lower_below, -1.0, 0.0))
-        change *= curriculum.step * self._started[rows]
+        change *= curriculum.step * self._ended[rows]  # an episode that was broken off says nothing
         self.level[rows] = np.clip(self.level[rows] + change, 0.0, 1.0)
 
     # ------------------------------------------------------------------ terrain and references
@@ -303,7 +333,7 @@ class BatchEnv:
         if length is not None and not self._timed and self._laid[row] >= length:
             last = self._spans[row, self._span_count[row] - 1]
             return ModeCall("pace", {"v": float(last[1]), "length": 1.0})
-        return sample_mode(self.task, self._rng[row], int(self._mode_count[row]), float(self.level[row]))
+        return self._sampler.draw(self._rng[row], int(self._mode_count[row]), float(self.level[row]))
 
     def _place(self, row: int, boxes: list[tuple[float, ...]], keep_from: float) -> None:
         if not place(self.terrain, row, boxes, keep_from):
@@ -329,13 +359,7 @@ class BatchEnv:
     def _query(self, rows: np.ndarray) -> None:
         """Ask the oracle, from the robots' present states."""
         task, p, v = self.task, self.sim.base_qpos, self.sim.base_qvel
-        qpos, qvel = self.sim.qpos[rows], self.sim.qvel[rows]
-        quat = qpos[:, p + 3 : p + 7]
-        x0 = np.zeros((len(rows), STATE_SIZE))
-        x0[:, RPY] = quat_to_rpy(quat)
-        x0[:, POS] = qpos[:, p : p + 3]
-        x0[:, OMEGA] = quat_rotate(quat, qvel[:, v + 3 : v + 6])
-        x0[:, VEL] = qvel[:, v : v + 3]
+        x0, _ = srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])
         x0 = np.where(self._feedback, x0, 0.0)
 
         spans = self._spans[rows]
@@ -376,4 +400,6 @@ def _extent(task: TaskConfig) -> tuple[bool, float, int]:
     if min(speeds) < 0:
         raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
     ahead = max(speeds) * task.horizon * task.control_dt + 0.3
-    return False, max(REACH, ahead), task.horizon
+    scan = task.observations.get("height_scan") or {}
+    seen = scan.get("points", 0) * scan.get("spacing", 0.0)
+    return False, max(REACH, ahead, seen), task.horizon

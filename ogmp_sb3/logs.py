@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -68,31 +67,41 @@ def progress_bar(total: int, unit: str, done: int = 0) -> Any:
 
 
 class EpisodeStatistics(BaseCallback):
-    """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level."""
+    """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level.
 
-    def __init__(self) -> None:
+    It also decides when a row is written: whenever the samples pass a multiple of ``every``, so that a resumed run
+    writes the same rows.
+
+    :param every: samples between two rows
+    """
+
+    def __init__(self, every: int) -> None:
         super().__init__()
-        self.episodes: list[dict[str, Any]] = []
-        self.causes: Counter[str] = Counter()
+        self.every = every
+        self.sums: dict[str, float] = {}
+        self.causes: dict[str, int] = {}
 
     def _on_step(self) -> bool:
         for i in np.flatnonzero(self.locals["dones"]):
             info = self.locals["infos"][i]
-            self.episodes.append(info["episode"])
-            self.causes[info["termination"]] += 1
+            for key, value in info["episode"].items():
+                self.sums[key] = self.sums.get(key, 0.0) + value
+            self.causes[info["termination"]] = self.causes.get(info["termination"], 0) + 1
         return True
 
     def _on_rollout_end(self) -> None:
-        if not self.episodes:
+        rollout = self.model.n_steps * self.model.n_envs  # type: ignore[attr-defined]
+        if self.num_timesteps // self.every == (self.num_timesteps - rollout) // self.every:
             return
+        episodes = sum(self.causes.values())
         names = {"r": "return", "l": "length"}
-        for key in self.episodes[0]:
+        for key, total in self.sums.items():
             if key != "t":
-                mean = float(np.mean([episode[key] for episode in self.episodes]))
-                self.logger.record_mean(f"episode/{names.get(key, key)}", mean)
+                self.logger.record(f"episode/{names.get(key, key)}", total / episodes)
         for cause, count in self.causes.items():
-            self.logger.record_mean(f"termination/{cause}", count / len(self.episodes))
-        self.episodes, self.causes = [], Counter()
+            self.logger.record(f"termination/{cause}", count / episodes)
+        self.sums, self.causes = {}, {}
+        self.model.dump_logs()  # type: ignore[attr-defined]
 
 
 class ProgressBar(BaseCallback):

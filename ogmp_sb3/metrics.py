@@ -113,7 +113,7 @@ def track_displacement(record: EpisodeRecord) -> float:
 def flip_and_land(record: EpisodeRecord) -> float:
     """Dive: 1 if the base turned once about the flip's axis, never came low, and stood upright at the end."""
     direction = next((str(m["r"]) for m in record.modes if "r" in m), "front")
-    turned = abs(abs(flip_angle(record.base_quat, direction)) - 2 * np.pi) <= FULL_TURN_TOLERANCE
+    turned = abs(flip_angle(record.base_quat, direction) - 2 * np.pi) <= FULL_TURN_TOLERANCE
     up = quat_rotate(record.base_quat, np.array([0.0, 0.0, 1.0]))[:, 2]
     upright = bool((up[-UPRIGHT_STEPS:] >= np.cos(UPRIGHT_TOLERANCE)).all())
     high = bool((record.height >= MIN_HEIGHT).all())

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ogmp_sb3.registry import observations
-from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.terrain import height_at, scan_points
 from ogmp_sb3.view import EnvView
 
@@ -35,7 +34,7 @@ def proprioception(view: EnvView) -> Signal:
             height[:, None],
             view.base_quat,
             view.joint_pos,
-            quat_rotate_inverse(view.base_quat, view.base_linvel_w),
+            view.base_linvel_b,
             view.base_angvel_b,
             view.joint_vel,
         ],
@@ -59,6 +58,8 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
     :param points: how many, along +x of the world, the first under the base
     :param spacing: m
     """
+    if points < 1:
+        raise ValueError(f"observation 'height_scan' needs at least 1 of 'points', found {points}.")
     heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
     relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
     return Signal(relative, np.full(points, 0.1))

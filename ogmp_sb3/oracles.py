@@ -35,24 +35,8 @@ class Plant:
     """control step = distance of knots, s"""
 
 
-@dataclass(frozen=True)
-class Tracker:
-    """The linear-quadratic tracking problem of one contact segment, in terms of the total force and moment.
-
-    Both feet enter the model alike, so each carries half of the total: 6 inputs with half the weight of one foot
-    give the same trajectory as 12.
-    """
-
-    A: np.ndarray
-    """shape (12, 12)"""
-    B: np.ndarray
-    """shape (12, 6)"""
-    d: np.ndarray
-    """gravity, shape (12,)"""
-    K: np.ndarray
-    """stationary feedback, shape (6, 12)"""
-    P: np.ndarray
-    """stationary cost, shape (12, 12)"""
+Orientation = tuple[float, float, float]
+UPRIGHT: Orientation = (0.0, 0.0, 0.0)
 
 
 @oracles.register()
@@ -66,9 +50,9 @@ def linear(set_points: SetPoints, x0: np.ndarray, plant: Plant) -> Reference:
     state = set_points.state.copy()
     knots = state.shape[1]
     # The lateral offset goes over the whole horizon, the height over one hop.
-    over = np.array([1.0, set_points.steps.max(), set_points.blend])
+    over = np.ones((len(state), 1, 3))
+    over[:, 0, 1], over[:, 0, 2] = set_points.steps, set_points.blend
     left = np.maximum(1.0 - np.arange(knots)[:, None] / over, 0.0)
-    left[0] = 1.0
     state[..., POS] += left * (x0[:, None, POS] - state[:, :1, POS])
     state[:, 1:, VEL] = np.diff(state[..., POS], axis=1) / plant.dt
     state[:, 0] = x0
@@ -82,7 +66,8 @@ def lqr(
     """Track the present set-point with the stationary LQR gain of each contact segment.
 
     In stance ``u_k = -K (x_k - r_k) + u_g`` with ``K`` from ``control.dlqr`` and ``u_g`` carrying the weight; where
-    ``r`` is at rest this is the same as holding it constant in :func:`preview`.
+    ``r`` is at rest this is the same as holding it constant in :func:`preview`, but for the end of the horizon,
+    where ``preview`` no longer has to carry the weight.
 
     :param set_points: what the modes ask for
     :param x0: state at the query, shape (rows, 12)
@@ -91,13 +76,12 @@ def lqr(
     :param R: input weights of one foot by input name
     :param eps: weight of every state that Q does not name
     """
-    index, trackers = _trackers(set_points, plant, _freeze(Q), _freeze(R), eps)
+    index, orientations = _mean_orientations(set_points)
+    A, B, d = _models(plant, orientations)
+    K = np.stack([_total_gain(plant, _freeze(Q), _freeze(R), eps, mean_rpy)[0] for mean_rpy in orientations])
     hover = np.zeros(6)
     hover[2] = plant.srb.mass * GRAVITY
-    state = _simulate_lqr(
-        np.stack([t.A for t in trackers]), np.stack([t.B for t in trackers]), trackers[0].d,
-        np.stack([t.K for t in trackers]), hover, index, set_points.stance, set_points.state, x0,
-    )  # fmt: skip
+    state = _simulate_lqr(A, B, d, K, hover, index, set_points.stance, set_points.state, x0)
     return Reference(state, set_points.steps)
 
 
@@ -120,12 +104,11 @@ def preview(
     :param R: input weights of one foot by input name
     :param eps: weight of every state that Q does not name
     """
-    frozen_Q, frozen_R = _freeze(Q), _freeze(R)
-    index, trackers = _trackers(set_points, plant, frozen_Q, frozen_R, eps)
-    upright = _tracker(plant, frozen_Q, frozen_R, eps, (0.0, 0.0, 0.0))
+    index, orientations = _mean_orientations(set_points)
+    A, B, d = _models(plant, orientations)
+    _, P = _total_gain(plant, _freeze(Q), _freeze(R), eps, UPRIGHT)
     state = _simulate_preview(
-        np.stack([t.A for t in trackers]), np.stack([t.B for t in trackers]), upright.d,
-        state_weights(Q, eps), input_weights(R) / FEET, upright.P,
+        A, B, d, state_weights(Q, eps), input_weights(R) / FEET, P,
         index, set_points.stance, set_points.state, set_points.steps, x0,
     )  # fmt: skip
     return Reference(state, set_points.steps)
@@ -156,32 +139,36 @@ def stationary_gains(
 
 
 @lru_cache(maxsize=4096)
-def _tracker(
-    plant: Plant,
-    Q: tuple[tuple[str, float], ...],
-    R: tuple[tuple[str, float], ...],
-    eps: float,
-    mean_rpy: tuple[float, float, float],
-) -> Tracker:
-    dynamics = srb_dynamics(plant.srb, plant.dt, np.array(mean_rpy))
+def _total_gain(
+    plant: Plant, Q: tuple[tuple[str, float], ...], R: tuple[tuple[str, float], ...], eps: float, mean_rpy: Orientation
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stationary feedback of the total force and moment, shape (6, 12), and the stationary cost, shape (12, 12).
+
+    Both feet enter the model alike, so each carries half of the total: 6 inputs with half the weight of one foot
+    give the same trajectory as 12.
+    """
     gains = stationary_gains(plant, dict(Q), dict(R), eps, mean_rpy)
     forces, moments = gains.K[:6].reshape(FEET, 3, STATE_SIZE), gains.K[6:].reshape(FEET, 3, STATE_SIZE)
-    total = np.concatenate([forces.sum(axis=0), moments.sum(axis=0)])
-    one_foot = dynamics.B[:, [0, 1, 2, 6, 7, 8]]
-    return Tracker(dynamics.A, np.ascontiguousarray(one_foot), dynamics.d, total, gains.P)
+    return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), gains.P
 
 
-def _trackers(
-    set_points: SetPoints,
-    plant: Plant,
-    Q: tuple[tuple[str, float], ...],
-    R: tuple[tuple[str, float], ...],
-    eps: float,
-) -> tuple[np.ndarray, list[Tracker]]:
-    """One tracker for each mean orientation of a span, and which one each step uses, shape (rows, knots)."""
-    rows, knots = set_points.stance.shape
-    index = np.zeros((rows, knots), dtype=np.int64)
-    orientations = [(0.0, 0.0, 0.0)]
+@lru_cache(maxsize=4096)
+def _model(plant: Plant, mean_rpy: Orientation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (12, 12), B of the total force and moment (12, 6), and d (12,)."""
+    dynamics = srb_dynamics(plant.srb, plant.dt, np.array(mean_rpy))
+    return dynamics.A, np.ascontiguousarray(dynamics.B[:, [0, 1, 2, 6, 7, 8]]), dynamics.d
+
+
+def _models(plant: Plant, orientations: list[Orientation]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The models of several orientations, stacked; gravity is the same for all."""
+    models = [_model(plant, mean_rpy) for mean_rpy in orientations]
+    return np.stack([m[0] for m in models]), np.stack([m[1] for m in models]), models[0][2]
+
+
+def _mean_orientations(set_points: SetPoints) -> tuple[np.ndarray, list[Orientation]]:
+    """The mean orientations of all spans, and which one each step is in, shape (rows, knots)."""
+    index = np.zeros(set_points.stance.shape, dtype=np.int64)
+    orientations = [UPRIGHT]
     for row in np.flatnonzero(np.any(set_points.state[..., OMEGA] != 0.0, axis=(1, 2))):
         rpy = 0.5 * (set_points.state[row, :-1, RPY] + set_points.state[row, 1:, RPY])
         for span in np.unique(set_points.span[row]):
@@ -191,7 +178,7 @@ def _trackers(
             if key not in orientations:
                 orientations.append(key)
             index[row, steps] = orientations.index(key)
-    return index, [_tracker(plant, Q, R, eps, key) for key in orientations]
+    return index, orientations
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]

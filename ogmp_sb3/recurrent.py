@@ -6,6 +6,7 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,8 +19,11 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
+
+from ogmp_sb3.sequences import Minibatch, SequenceBuffer
 
 
 class Normaliser(BaseFeaturesExtractor):
@@ -94,7 +98,11 @@ class RecurrentPPO(StockRecurrentPPO):
     """Drop-in for ``sb3_contrib.RecurrentPPO``: same constructor, ``learn``, ``predict``, ``save`` and ``load``.
 
     ``policy="MlpLstmPolicy"`` names :class:`LstmPolicy`. A :class:`Normaliser` as features extractor is updated
-    between rollouts.
+    after every rollout. Actor and critic are updated side by side in two threads. Policies with a shared or no
+    critic LSTM, dictionary observations or trainable features extractors train as in sb3-contrib.
+
+    :param chunk_length: None: sequences, minibatches and gradients of sb3-contrib; a number: the rollout is cut into
+        chunks of that many steps (truncated back-propagation from the stored state), shuffled in every epoch
     """
 
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
@@ -102,20 +110,45 @@ class RecurrentPPO(StockRecurrentPPO):
         "MlpLstmPolicy": LstmPolicy,
     }
 
+    def __init__(self, *args: Any, chunk_length: int | None = None, **kwargs: Any) -> None:
+        self.chunk_length = chunk_length
+        super().__init__(*args, **kwargs)
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self._fast = (
+            isinstance(self.policy, LstmPolicy)
+            and self.policy.lstm_critic is not None
+            and isinstance(self.observation_space, spaces.Box)
+            and not any(p.requires_grad for p in self.policy.features_extractor.parameters())
+        )
+        if self._fast:
+            self.rollout_buffer = SequenceBuffer(
+                self.n_steps,
+                self.observation_space,
+                self.action_space,
+                self.device,
+                gamma=self.gamma,
+                gae_lambda=self.gae_lambda,
+                n_envs=self.n_envs,
+            )
+            self.rollout_buffer.chunk_length = self.chunk_length
+
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
         """As sb3-contrib's, with the values of all time-outs of a step computed in one call."""
+        if not self._fast or self.use_sde:
+            return super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
         assert self._last_obs is not None, "No previous observation was provided"
-        assert not self.use_sde, "State-dependent exploration is not supported"
-        self._update_normaliser(rollout_buffer)
+        assert isinstance(rollout_buffer, SequenceBuffer)
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
         lstm_states = self._last_lstm_states
 
         for _ in range(n_rollout_steps):
-            with th.no_grad():
+            with th.inference_mode():
                 observation = th.as_tensor(self._last_obs, device=self.device)
                 starts = th.as_tensor(self._last_episode_starts, dtype=th.float32, device=self.device)
                 actions, values, log_probs, lstm_states = self.policy(observation, lstm_states, starts)
@@ -132,18 +165,18 @@ class RecurrentPPO(StockRecurrentPPO):
             if isinstance(self.action_space, spaces.Discrete):
                 actions = actions.reshape(-1, 1)
             self._bootstrap_time_outs(rewards, dones, infos, lstm_states)
-            rollout_buffer.add(  # type: ignore[call-arg]
+            rollout_buffer.save_states(self._last_lstm_states)  # type: ignore[arg-type]
+            rollout_buffer.add(
                 self._last_obs,  # type: ignore[arg-type]
                 actions,
                 rewards,
                 self._last_episode_starts,  # type: ignore[arg-type]
                 values,
                 log_probs,
-                lstm_states=self._last_lstm_states,
             )
             self._last_obs, self._last_episode_starts, self._last_lstm_states = new_obs, dones, lstm_states  # type: ignore[assignment]
 
-        with th.no_grad():
+        with th.inference_mode():
             last = th.as_tensor(new_obs, device=self.device)
             starts = th.as_tensor(dones, dtype=th.float32, device=self.device)
             values = self.policy.predict_values(last, lstm_states.vf, starts)  # type: ignore[union-attr,call-arg,arg-type]
@@ -163,13 +196,127 @@ class RecurrentPPO(StockRecurrentPPO):
             return
         terminal = th.as_tensor(np.stack([infos[i]["terminal_observation"] for i in rows]), device=self.device)
         states = tuple(state[:, rows].contiguous() for state in lstm_states.vf)
-        with th.no_grad():
+        with th.inference_mode():
             values = self.policy.predict_values(terminal, states, th.zeros(len(rows), device=self.device))  # type: ignore[call-arg,arg-type]
         rewards[rows] += self.gamma * values.flatten().cpu().numpy()
 
-    def _update_normaliser(self, rollout_buffer: RolloutBuffer) -> None:
-        """Learn from the last rollout's observations, after its update, so that ratios stay exact."""
+    def train(self) -> None:
+        """sb3-contrib's update; then the normaliser learns from the rollout, so that ratios inside it are exact."""
+        if self._fast:
+            self._train_on_sequences()
+        else:
+            super().train()
         extractor = self.policy.features_extractor
-        if isinstance(extractor, Normaliser) and rollout_buffer.full:
-            observations = rollout_buffer.observations.reshape(-1, extractor.mean.shape[0])
+        if isinstance(extractor, Normaliser):
+            observations = self.rollout_buffer.observations.reshape(-1, extractor.mean.shape[0])
             extractor.update(th.as_tensor(observations, device=self.device))
+
+    def _train_on_sequences(self) -> None:
+        policy, buffer = self.policy, self.rollout_buffer
+        assert isinstance(policy, LstmPolicy) and isinstance(buffer, SequenceBuffer)
+        policy.set_training_mode(True)
+        self._update_learning_rate(policy.optimizer)
+        clip_range = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
+        buffer.freeze()
+        with th.no_grad():
+            features = policy.extract_features(buffer.flat["observations"])
+        logs: list[dict[str, th.Tensor]] = []
+        go_on, threads = True, th.get_num_threads()
+        side_by_side = threads > 1 and self.device.type == "cpu"
+        if side_by_side:
+            th.set_num_threads(threads // 2)
+        with ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(max(1, threads // 2),)) as pool:
+            for _ in range(self.n_epochs):
+                for batch in buffer.minibatches(self.batch_size):  # type: ignore[arg-type]
+                    policy.optimizer.zero_grad()
+                    critic = pool.submit(self._critic_gradients, batch, features) if side_by_side else None
+                    log, kl = self._actor_gradients(batch, features, clip_range)
+                    value_loss = critic.result() if critic else self._critic_gradients(batch, features)
+                    logs.append({**log, "value_loss": value_loss})
+                    if self.target_kl is not None and kl > 1.5 * self.target_kl:
+                        go_on = False
+                        break
+                    th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+                    policy.optimizer.step()
+                self._n_updates += 1
+                if not go_on:
+                    break
+        if side_by_side:
+            th.set_num_threads(threads)
+        self._log_update(logs, clip_range)
+
+    def _actor_gradients(
+        self, batch: Minibatch, features: th.Tensor, clip_range: float
+    ) -> tuple[dict[str, th.Tensor], th.Tensor]:
+        """Add the gradients of the clipped surrogate and the entropy bonus; returns what to log, and the KL."""
+        policy, data = self.policy, self.rollout_buffer.flat  # type: ignore[attr-defined]
+        latent = _lstm_outputs(policy.lstm_actor, batch, features, self.rollout_buffer.actor_states)  # type: ignore[attr-defined,arg-type]
+        distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))  # type: ignore[attr-defined]
+        actions = data["actions"][batch.order]
+        if isinstance(self.action_space, spaces.Discrete):
+            actions = actions.long().flatten()
+        log_prob, entropy = distribution.log_prob(actions), distribution.entropy()
+        advantages = data["advantages"][batch.order]
+        if self.normalize_advantage:
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        log_ratio = log_prob - data["log_probs"][batch.order]
+        ratio = th.exp(log_ratio)
+        clipped = th.clamp(ratio, 1 - clip_range, 1 + clip_range)
+        policy_loss = -th.min(advantages * ratio, advantages * clipped).mean()
+        entropy_loss = -entropy.mean() if entropy is not None else log_prob.mean()
+        loss = policy_loss + self.ent_coef * entropy_loss
+        loss.backward()
+        with th.no_grad():
+            kl = ((ratio - 1) - log_ratio).mean()
+            clip_fraction = ((ratio - 1).abs() > clip_range).float().mean()
+        log = {
+            "policy_gradient_loss": policy_loss.detach(),
+            "entropy_loss": entropy_loss.detach(),
+            "approx_kl": kl,
+            "clip_fraction": clip_fraction,
+        }
+        return log, kl
+
+    def _critic_gradients(self, batch: Minibatch, features: th.Tensor) -> th.Tensor:
+        """Add the gradients of the value loss, which is returned."""
+        policy, data = self.policy, self.rollout_buffer.flat  # type: ignore[attr-defined]
+        latent = _lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)  # type: ignore[attr-defined,arg-type]
+        values = policy.value_net(policy.mlp_extractor.forward_critic(latent)).flatten()  # type: ignore[attr-defined,operator]
+        if self.clip_range_vf is not None:
+            limit = self.clip_range_vf(self._current_progress_remaining)  # type: ignore[operator]
+            old = data["values"][batch.order]
+            values = old + th.clamp(values - old, -limit, limit)
+        value_loss = ((data["returns"][batch.order] - values) ** 2).mean()
+        (self.vf_coef * value_loss).backward()
+        return value_loss.detach()
+
+    def _log_update(self, logs: list[dict[str, th.Tensor]], clip_range: float) -> None:
+        means = {name: th.stack([log[name] for log in logs]).mean().item() for name in logs[0]}
+        for name, value in means.items():
+            self.logger.record(f"train/{name}", value)
+        loss = means["policy_gradient_loss"] + self.ent_coef * means["entropy_loss"]
+        self.logger.record("train/loss", loss + self.vf_coef * means["value_loss"])
+        buffer = self.rollout_buffer
+        self.logger.record(
+            "train/explained_variance", explained_variance(buffer.values.flatten(), buffer.returns.flatten())
+        )
+        if hasattr(self.policy, "log_std"):
+            self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/clip_range", clip_range)
+
+
+def _lstm_outputs(
+    lstm: nn.LSTM, batch: Minibatch, features: th.Tensor, states: tuple[th.Tensor, th.Tensor]
+) -> th.Tensor:
+    """Outputs of an LSTM for the transitions ``batch.order``, shape (n, hidden size).
+
+    :param features: of the whole rollout, env-major, shape (envs * steps, size)
+    :param states: stored hidden and cell states, each of shape (layers, saved steps * envs, hidden size)
+    """
+    outputs = []
+    for group in batch.groups:
+        initial = tuple(state[:, group.stored] * group.keep for state in states)
+        output, _ = lstm(features[group.steps], initial)
+        outputs.append(output[group.valid])
+    return th.cat(outputs)

@@ -89,7 +89,7 @@ def set_points(
     starts = np.concatenate([np.zeros((rows, 1)), ends[:, :-1]], axis=1)
 
     time = dt * np.arange(knots + 1)
-    at_knot = _span_index(ends, time)
+    at_knot = _span_index(ends, np.maximum(time, 1e-6))  # what ended before now does not count
     middle = time[:-1] + 0.5 * dt
     at_step = _span_index(ends, middle)
 
@@ -108,7 +108,7 @@ def set_points(
     state[..., VEL.start : VEL.start + 2] = here[..., [VX, VY]]
 
     ground = here[..., GROUND0] + share * (here[..., GROUND1] - here[..., GROUND0])
-    bump = here[..., APEX] * (1.0 - np.abs(2.0 * share - 1.0))
+    bump = (_apex_left(spans, timed, ends - starts))[row, at_knot] * (1.0 - np.abs(2.0 * share - 1.0))
     state[..., POS.start + 2] = gait.height + ground + bump
     state[..., VEL.start + 2] = _vertical_velocity(spans, starts, ends, at_knot, time)
 
@@ -128,6 +128,13 @@ def _end_times(spans: np.ndarray, timed: np.ndarray, x: np.ndarray) -> np.ndarra
     speed = np.maximum(spans[..., VX], 1e-9)
     ends = np.where(timed[:, None], spans[..., END], np.cumsum(distance / speed, axis=1))
     return np.maximum(ends, 0.0)
+
+
+def _apex_left(spans: np.ndarray, timed: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Rise of the set-points over what is left of each span, shape (rows, spans): that of a shorter flight."""
+    whole = np.diff(spans[..., END], axis=1, prepend=0.0) / np.maximum(spans[..., VX], 1e-9)
+    share = np.where(timed[:, None], 1.0, np.minimum(duration / np.maximum(whole, 1e-9), 1.0))
+    return spans[..., APEX] * share**2
 
 
 def _span_index(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -150,9 +157,13 @@ def _vertical_velocity(
         flight & (ends > starts) & (spans[..., END] < FOREVER), 0.5 * GRAVITY * duration + rise / duration, 0.0
     )
     upcoming = np.concatenate([lift_off[:, 1:], np.zeros((len(spans), 1))], axis=1)
+    # A flight that is held falls on.
+    held = flight & (spans[..., END] >= FOREVER)
+    lift_off[:, 1:] = np.where(held[:, 1:], lift_off[:, :-1], lift_off[:, 1:])
+    since = np.where(held, np.concatenate([starts[:, :1], starts[:, :-1]], axis=1), starts)
     push_off = np.where(spans[..., CONTACT] == Contact.STANCE, upcoming, 0.0)
     row = np.arange(len(spans))[:, None]
-    airborne = lift_off[row, at_knot] - GRAVITY * (time - starts[row, at_knot])
+    airborne = lift_off[row, at_knot] - GRAVITY * (time - since[row, at_knot])
     return np.where(flight[row, at_knot], airborne, push_off[row, at_knot])
 
 

@@ -27,24 +27,37 @@ class ModeCall:
         return modes.get(self.name)(**self.parameters)  # type: ignore[no-any-return]
 
 
-def sample_mode(task: TaskConfig, rng: np.random.Generator, index: int, level: float = 1.0) -> ModeCall:
-    """Draw the mode at a place in the sequence of a task variant.
+class ModeSampler:
+    """Draws the modes of task variants; what it needs of the task is worked out once.
 
     :param task: the task
-    :param rng: the environment's generator
-    :param index: how many modes came before
-    :param level: curriculum level, 0 to 1
     """
-    if task.sampling.order == "random":
-        names = list(task.mode_ranges)
-        weights = np.array([mode_weight(task, name, level) for name in names])
-        name = names[int(np.searchsorted(np.cumsum(weights) / weights.sum(), rng.random(), side="right"))]
-    else:
-        sequence = task.sampling.sequence
-        repeated = index % len(sequence) if task.sampling.repeat == "all" else min(index, len(sequence) - 1)
-        name = sequence[repeated]
-    ranges = mode_ranges(task, name, level)
-    return ModeCall(name, {key: _draw(range_, rng) for key, range_ in ranges.items()})
+
+    def __init__(self, task: TaskConfig) -> None:
+        self._order, self._names = task.sampling, list(task.mode_ranges)
+        ends = [(mode_ranges(task, name, 0.0), mode_ranges(task, name, 1.0)) for name in self._names]
+        self._parameters = {
+            name: [(key, start[key], full[key]) for key in full]
+            for name, (start, full) in zip(self._names, ends, strict=True)
+        }
+        self._start = np.array([mode_weight(task, name, 0.0) for name in self._names])
+        self._full = np.array([mode_weight(task, name, 1.0) for name in self._names])
+
+    def draw(self, rng: np.random.Generator, index: int, level: float = 1.0) -> ModeCall:
+        """The mode at a place in the sequence of a task variant.
+
+        :param rng: the environment's generator
+        :param index: how many modes came before
+        :param level: curriculum level, 0 to 1
+        """
+        if self._order.order == "random":
+            weights = np.cumsum(self._start + level * (self._full - self._start))
+            name = self._names[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
+        else:
+            sequence = self._order.sequence
+            repeated = index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)
+            name = sequence[repeated]
+        return ModeCall(name, {key: _draw(a, b, level, rng) for key, a, b in self._parameters[name]})
 
 
 def mode_weight(task: TaskConfig, name: str, level: float) -> float:
@@ -72,7 +85,8 @@ def corner_segments(ranges: ModeRanges) -> Iterator[Segment]:
             yield ModeCall(name, dict(zip(parameters, values, strict=True))).segment()
 
 
-def _draw(range_: Range, rng: np.random.Generator) -> float | str:
-    if range_.words:
-        return range_.words[int(rng.integers(len(range_.words)))]
-    return float(rng.uniform(range_.low, range_.high)) if range_.high > range_.low else range_.low
+def _draw(start: Range, full: Range, level: float, rng: np.random.Generator) -> float | str:
+    if full.words:
+        return full.words[int(rng.integers(len(full.words)))]
+    low, high = start.low + level * (full.low - start.low), start.high + level * (full.high - start.high)
+    return low + (high - low) * rng.random() if high > low else low

@@ -25,6 +25,8 @@ T = TypeVar("T")
 
 LARGEST = 2**63  # whole numbers lie between this and its negative
 LONGEST = 120  # characters of a value that a message shows
+# PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
+UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: no such file.") from None
     except RecursionError:
         raise ValueError(f"{path}: not readable as YAML (nested too deeply, or inside itself).") from None
-    except (YAMLError, OmegaConfBaseException, OSError, ValueError) as error:
+    except UNREADABLE as error:
         raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
     if not isinstance(data, dict):
         raise ValueError(f"{path}: expected a mapping at the top, found {describe(data)}.")
@@ -69,7 +71,7 @@ def read_value(text: str) -> Any:
         return OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
     except RecursionError:
         raise ValueError("nested too deeply, or inside itself") from None
-    except (YAMLError, OmegaConfBaseException, ValueError) as error:
+    except UNREADABLE as error:
         raise ValueError(" ".join(str(error).split())) from None
 
 

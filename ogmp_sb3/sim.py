@@ -94,6 +94,8 @@ class Simulation:
 
         model = self.model
         free = model.body(robot.base).jntadr[0]
+        if free < 0 or model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
+            raise ValueError(f"{robot.mjcf_path}: the base '{robot.base}' must have a free joint.")
         self.base_qpos = int(model.jnt_qposadr[free])
         self.base_qvel = int(model.jnt_dofadr[free])
         self.joint_qpos = np.array([model.joint(name).qposadr[0] for name in robot.joints])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 X0, X1, Y0, Y1, TOP = range(5)
@@ -48,10 +49,19 @@ def height_at(terrain: np.ndarray, xy: np.ndarray) -> np.ndarray:
     :param xy: world positions, shape (num_envs, points, 2), m
     :return: shape (num_envs, points), m; ``NOTHING`` beside the track
     """
-    x, y = xy[:, :, None, 0], xy[:, :, None, 1]
-    box = terrain[:, None]
-    inside = (x >= box[..., X0]) & (x < box[..., X1]) & (y >= box[..., Y0]) & (y < box[..., Y1])
-    return np.where(inside, box[..., TOP], NOTHING).max(axis=-1)
+    heights = np.full(xy.shape[:2], NOTHING)
+    _raise_heights(terrain, xy, heights)
+    return heights
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _raise_heights(terrain, xy, heights):  # type: ignore[no-untyped-def]
+    for row in range(xy.shape[0]):
+        for box in terrain[row]:
+            for point in range(xy.shape[1]):
+                x, y = xy[row, point]
+                if box[0] <= x < box[1] and box[2] <= y < box[3] and box[4] > heights[row, point]:
+                    heights[row, point] = box[4]
 
 
 def scan_points(position: np.ndarray, points: int, spacing: float) -> np.ndarray:

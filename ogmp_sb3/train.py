@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import platform
+import shutil
 import signal
 import sys
 from dataclasses import asdict, dataclass
@@ -22,7 +24,14 @@ from omegaconf import DictConfig, OmegaConf
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_trainer, policy_kwargs, save_checkpoint
+from ogmp_sb3.checkpoints import (
+    checkpoint_dirs,
+    copy_policy,
+    latest_checkpoint,
+    load_trainer,
+    policy_kwargs,
+    save_checkpoint,
+)
 from ogmp_sb3.config import TASKS_DIR, TaskConfig, task_from_data
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
 from ogmp_sb3.recurrent import RecurrentPPO
@@ -85,11 +94,13 @@ class Checkpoints(BaseCallback):
     :param run_dir: the run directory
     :param config: the run
     :param info: goes into every policy.json
+    :param statistics: of the logs, saved with every checkpoint
     """
 
-    def __init__(self, run_dir: Path, config: TrainConfig, info: dict[str, Any]) -> None:
+    def __init__(self, run_dir: Path, config: TrainConfig, info: dict[str, Any], statistics: EpisodeStatistics) -> None:
         super().__init__()
-        self.run_dir, self.config, self.info = run_dir, config, info
+        self.run_dir, self.config, self.info, self.statistics = run_dir, config, info, statistics
+        self.best = -math.inf
         self.stop_requested = False
 
     def request_stop(self, signum: int, frame: FrameType | None) -> None:
@@ -112,21 +123,31 @@ class Checkpoints(BaseCallback):
         return True
 
     def save(self) -> None:
-        """Write a checkpoint and drop the oldest beyond ``keep_checkpoints``."""
+        """Write a checkpoint, drop the oldest beyond ``keep_checkpoints``, and keep the best apart."""
         model = self.model
         assert isinstance(model, RecurrentPPO)
-        steps = model.num_timesteps
-        env = model.env
-        assert isinstance(env, OgmpVecEnv)
-        trainer = {"num_timesteps": steps, "updates": model._n_updates, "level": env.batch.level.tolist()}
-        save_checkpoint(
-            model, self.run_dir / "checkpoints" / f"{steps:012d}", {**self.info, "num_timesteps": steps}, trainer
-        )
+        steps, value = model.num_timesteps, _mean_return(model)
+        self.best, is_best = max(self.best, value), value > self.best
+        folder = self.run_dir / "checkpoints" / f"{steps:012d}"
+        log = self.statistics
+        statistics = {"sums": log.sums, "causes": log.causes, "best": self.best}
+        save_checkpoint(model, folder, {**self.info, "num_timesteps": steps, "return": value}, statistics)
         self.saved_at = steps
+        if is_best:
+            copy_policy(folder, self.run_dir / "best")
         for old in checkpoint_dirs(self.run_dir)[: -self.config.keep_checkpoints]:
-            for file in old.iterdir():
-                file.unlink()
-            old.rmdir()
+            shutil.rmtree(old)
+
+    def restore(self, statistics: dict[str, Any]) -> None:
+        """Go on with the statistics of a checkpoint."""
+        self.statistics.sums, self.statistics.causes = statistics["sums"], statistics["causes"]
+        self.best = statistics["best"]
+
+
+def _mean_return(model: RecurrentPPO) -> float:
+    """Mean return of the last episodes, -1e9 before the first one has ended."""
+    returns = [episode["r"] for episode in model.ep_info_buffer or []]
+    return float(np.mean(returns)) if returns else -1e9
 
 
 def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
@@ -150,28 +171,22 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
         log_std_init=float(np.log(task.action.noise / task.action.scale)),
     )
     model = RecurrentPPO("MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **ppo)
+    info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
+    rollout = config.ppo.n_steps * config.num_envs
+    statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))
+    checkpoints = Checkpoints(run_dir, config, info, statistics)
     if resume:
-        state = load_trainer(model, latest_checkpoint(run_dir))
-        model.num_timesteps, model._n_updates = state["num_timesteps"], state["updates"]
-        env.batch.level[:] = state["level"]
+        checkpoints.restore(load_trainer(model, latest_checkpoint(run_dir)))
         print(f"resumed at step {model.num_timesteps}")
     else:
         _write_run_files(run_dir, task_data, task, config)
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
-
-    info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
-    checkpoints = Checkpoints(run_dir, config, info)
-    callbacks = CallbackList([checkpoints, EpisodeStatistics(), ProgressBar(config.total_timesteps)])
+    callbacks = CallbackList([checkpoints, statistics, ProgressBar(config.total_timesteps)])
     handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
     remaining = config.total_timesteps - model.num_timesteps
     try:
         if remaining > 0:
-            model.learn(
-                remaining,
-                callback=callbacks,
-                log_interval=max(1, min(LOG_EVERY, remaining // 20) // (config.ppo.n_steps * config.num_envs)),
-                reset_num_timesteps=False,
-            )
+            model.learn(remaining, callback=callbacks, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
     except StopTraining:
         checkpoints.save()
         print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train resume={run_dir}")
@@ -183,8 +198,7 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     if remaining > 0:
         checkpoints.save()
     print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval run={run_dir}")
-    returns = [episode["r"] for episode in model.ep_info_buffer or []]
-    return float(np.mean(returns)) if returns else 0.0
+    return _mean_return(model)
 
 
 def versions() -> dict[str, str]:

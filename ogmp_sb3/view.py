@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from ogmp_sb3.rotations import wrap_angle
-from ogmp_sb3.srb import RPY
+from ogmp_sb3.srb import RPY, STATE_SIZE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +20,8 @@ class EnvView:
     base_quat: np.ndarray
     """wxyz, body to world, shape (num_envs, 4)"""
     base_linvel_w: np.ndarray
+    """shape (num_envs, 3), m/s"""
+    base_linvel_b: np.ndarray
     """shape (num_envs, 3), m/s"""
     base_angvel_b: np.ndarray
     """shape (num_envs, 3), rad/s"""
@@ -60,3 +63,36 @@ def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> 
     if weights[RPY].any():
         error[:, RPY] = wrap_angle(error[:, RPY])
     return np.linalg.norm(weights * error, axis=1)
+
+
+def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The single-rigid-body state of free joints, and the linear velocity in the body frame.
+
+    :param pose: position and quaternion wxyz, shape (rows, 7)
+    :param velocity: linear velocity in the world and angular velocity in the body frame, shape (rows, 6)
+    :return: shapes (rows, 12) and (rows, 3)
+    """
+    state, linvel_b = np.empty((len(pose), STATE_SIZE)), np.empty((len(pose), 3))
+    _srb_state(pose, velocity, state, linvel_b)
+    return state, linvel_b
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _srb_state(pose, velocity, state, linvel_b):  # type: ignore[no-untyped-def]
+    rotation = np.empty((3, 3))
+    for row in range(len(pose)):
+        w, x, y, z = pose[row, 3], pose[row, 4], pose[row, 5], pose[row, 6]
+        rotation[0] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+        rotation[1] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        rotation[2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        state[row, 0] = np.arctan2(rotation[2, 1], rotation[2, 2])
+        state[row, 1] = -np.arcsin(min(1.0, max(-1.0, rotation[2, 0])))
+        state[row, 2] = np.arctan2(rotation[1, 0], rotation[0, 0])
+        for i in range(3):
+            state[row, 3 + i] = pose[row, i]
+            state[row, 9 + i] = velocity[row, i]
+            state[row, 6 + i] = 0.0
+            linvel_b[row, i] = 0.0
+            for j in range(3):
+                state[row, 6 + i] += rotation[i, j] * velocity[row, 3 + j]
+                linvel_b[row, i] += rotation[j, i] * velocity[row, j]

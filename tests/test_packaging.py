@@ -32,9 +32,10 @@ LAYERS = (
     {"sim"},
     {"env"},
     {"adapters"},
+    {"sequences"},
     {"recurrent"},
     {"checkpoints"},
-    {"plotting", "logs"},
+    {"plotting", "logs", "cli", "episodes"},
     {"train", "evaluate", "check"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""

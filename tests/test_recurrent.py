@@ -9,8 +9,9 @@ from gymnasium import spaces
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from stable_baselines3.common.logger import Logger
 
-from ogmp_sb3 import make_env
+from ogmp_sb3 import make_env, recurrent, sequences
 from ogmp_sb3.recurrent import LstmPolicy, Normaliser, RecurrentPPO
 
 SETTINGS = {"n_steps": 24, "batch_size": 48, "n_epochs": 2, "seed": 3, "device": "cpu"}
@@ -50,24 +51,127 @@ def test_one_lstm_call_equals_stepping_through_time(starts_inside: bool) -> None
     th.testing.assert_close(our_states, their_states, atol=1e-6, rtol=0)
 
 
-def test_gradients_equal_stock_on_a_real_rollout(env) -> None:
-    ours = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **SETTINGS)
+def rollout(env, **settings) -> RecurrentPPO:
+    """A learner with a full rollout and random weights, just before its update."""
+    model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **{**SETTINGS, **settings})
+    _, callback = model._setup_learn(10**6)
+    model.set_logger(Logger(None, []))
+    model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
+    assert model.rollout_buffer.episode_starts.sum() > 8, "the rollout must hold many episode starts"
+    return model
+
+
+def stock_twin(model: RecurrentPPO, env) -> StockRecurrentPPO:
+    """Stock with the same weights and the same rollout."""
     stock = StockRecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **SETTINGS)
-    stock.policy.load_state_dict(ours.policy.state_dict())
-    ours.learn(SETTINGS["n_steps"] * env.num_envs)  # fills the buffer
-    stock.policy.load_state_dict(ours.policy.state_dict())
-    assert ours.rollout_buffer.episode_starts.sum() > 8, "the rollout must hold many episode starts"
-    for data in ours.rollout_buffer.get(SETTINGS["batch_size"]):
-        gradients = []
-        for policy in (ours.policy, stock.policy):
-            policy.zero_grad()
-            values, log_prob, _ = policy.evaluate_actions(
-                data.observations, data.actions, data.lstm_states, data.episode_starts
-            )
-            mask = data.mask > 1e-8
-            ((values.flatten() - data.returns)[mask].pow(2).mean() - log_prob[mask].mean()).backward()
-            gradients.append(th.cat([p.grad.flatten() for p in policy.parameters() if p.grad is not None]))
-        assert (gradients[0] - gradients[1]).abs().max() < 1e-5
+    stock.policy.load_state_dict(model.policy.state_dict())
+    stock.set_logger(Logger(None, []))
+    source, target = model.rollout_buffer, stock.rollout_buffer
+    for name in (
+        "observations",
+        "actions",
+        "rewards",
+        "returns",
+        "episode_starts",
+        "values",
+        "log_probs",
+        "advantages",
+    ):
+        getattr(target, name)[...] = getattr(source, name)
+    for step, states in enumerate(source.states):
+        for name, state in zip(
+            ("hidden_states_pi", "cell_states_pi", "hidden_states_vf", "cell_states_vf"),
+            (*states.pi, *states.vf),
+            strict=True,
+        ):
+            getattr(target, name)[step] = state.numpy()
+    target.full, target.pos = True, target.buffer_size
+    return stock
+
+
+def gradients(policy) -> th.Tensor:
+    return th.cat([p.grad.flatten() for p in policy.parameters() if p.grad is not None])
+
+
+@pytest.mark.parametrize("batch_size", [48, 37, 96])
+def test_exact_mode_has_the_minibatches_and_gradients_of_stock(env, batch_size: int) -> None:
+    model = rollout(env)
+    stock = stock_twin(model, env)
+    model.rollout_buffer.freeze()
+    features = model.policy.extract_features(model.rollout_buffer.flat["observations"]).detach()
+    np.random.seed(7)
+    ours = list(model.rollout_buffer.minibatches(batch_size))
+    np.random.seed(7)
+    theirs = list(stock.rollout_buffer.get(batch_size))
+    assert len(ours) == len(theirs)
+    for mine, data in zip(ours, theirs, strict=True):
+        model.policy.zero_grad()
+        model._critic_gradients(mine, features)
+        model._actor_gradients(mine, features, 0.2)
+        stock.policy.zero_grad()
+        mask = data.mask > 1e-8
+        values, log_prob, entropy = stock.policy.evaluate_actions(
+            data.observations, data.actions, data.lstm_states, data.episode_starts
+        )
+        advantages = (data.advantages - data.advantages[mask].mean()) / (data.advantages[mask].std() + 1e-8)
+        ratio = th.exp(log_prob - data.old_log_prob)
+        policy_loss = -th.min(advantages * ratio, advantages * th.clamp(ratio, 0.8, 1.2))[mask].mean()
+        value_loss = ((data.returns - values.flatten()) ** 2)[mask].mean()
+        loss = policy_loss - stock.ent_coef * entropy[mask].mean() + stock.vf_coef * value_loss
+        loss.backward()
+        assert gradients(stock.policy).abs().max() > 1e-3
+        assert (gradients(model.policy) - gradients(stock.policy)).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_exact_update_ends_with_the_weights_of_stock(env, threads: int) -> None:
+    model = rollout(env)
+    stock = stock_twin(model, env)
+    before = th.get_num_threads()
+    th.set_num_threads(threads)
+    try:
+        for learner in (model, stock):
+            np.random.seed(3)
+            learner.train()
+    finally:
+        th.set_num_threads(before)
+    for mine, theirs in zip(model.policy.parameters(), stock.policy.parameters(), strict=True):
+        th.testing.assert_close(mine, theirs, atol=2e-5, rtol=0)
+
+
+@pytest.mark.parametrize("chunk_length", [None, 24, 8, 7])
+def test_every_transition_is_used_once_in_an_epoch(env, chunk_length: int | None) -> None:
+    model = rollout(env, chunk_length=chunk_length)
+    model.rollout_buffer.freeze()
+    order = th.cat([batch.order for batch in model.rollout_buffer.minibatches(48)])
+    assert sorted(order.tolist()) == list(range(SETTINGS["n_steps"] * env.num_envs))
+
+
+@pytest.mark.parametrize("chunk_length", [24, 8])
+def test_chunks_give_the_log_probabilities_and_values_of_the_rollout(env, chunk_length: int) -> None:
+    """Before the first update the network is that of the collection, so that every stored state must fit."""
+    model = rollout(env, chunk_length=chunk_length)
+    buffer = model.rollout_buffer
+    buffer.freeze()
+    features = model.policy.extract_features(buffer.flat["observations"])
+    for batch in buffer.minibatches(48):
+        for lstm, states, head in (
+            (model.policy.lstm_actor, buffer.actor_states, lambda x: model.policy._get_action_dist_from_latent(x)),
+            (model.policy.lstm_critic, buffer.critic_states, lambda x: model.policy.value_net(x)),
+        ):
+            output = head(recurrent._lstm_outputs(lstm, batch, features, states))
+            if lstm is model.policy.lstm_critic:
+                th.testing.assert_close(output.flatten(), buffer.flat["values"][batch.order], atol=1e-5, rtol=0)
+            else:
+                log_prob = output.log_prob(buffer.flat["actions"][batch.order])
+                th.testing.assert_close(log_prob, buffer.flat["log_probs"][batch.order], atol=1e-4, rtol=0)
+
+
+def test_padding_is_never_more_than_half() -> None:
+    lengths = np.arange(1, 129)
+    padded = sequences._padded_lengths(lengths)
+    assert (padded >= lengths).all()
+    assert (padded <= np.maximum(2 * lengths, 2)).all()
 
 
 def test_time_outs_are_bootstrapped_as_stock_does_one_by_one(env) -> None:
@@ -118,11 +222,13 @@ def test_normaliser_never_divides_by_less_than_the_scale() -> None:
     assert module(th.full((1, 3), 0.8)).tolist() == [[pytest.approx(3.0, rel=1e-4)] * 3]
 
 
-def test_normaliser_is_updated_between_rollouts_only(env) -> None:
+def test_normaliser_is_updated_once_for_every_rollout(env) -> None:
     network = {**NETWORK, "features_extractor_class": Normaliser}
     model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=network, **SETTINGS)
     per_rollout = SETTINGS["n_steps"] * env.num_envs
     model.learn(per_rollout)
-    assert model.policy.features_extractor.count == 0
-    model.learn(per_rollout, reset_num_timesteps=False)
     assert model.policy.features_extractor.count == per_rollout
+    before = model.policy.features_extractor.mean.clone()
+    model.learn(per_rollout, reset_num_timesteps=False)
+    assert model.policy.features_extractor.count == 2 * per_rollout
+    assert not th.equal(before, model.policy.features_extractor.mean)

@@ -102,6 +102,40 @@ def test_resume_goes_on_in_the_same_directory(run: Path, tmp_path: Path) -> None
     assert not th.equal(weights["action_net.weight"], after["action_net.weight"])
 
 
+@pytest.mark.parametrize("task", ["parkour", "dive"])
+def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: str, tmp_path: Path) -> None:
+    arguments = [f"task={task}", *SMALL, "seed=4", "checkpoint_interval=300"]
+    assert program("train", *arguments, "total_timesteps=1280", "hydra.run.dir=whole", cwd=tmp_path).returncode == 0
+    assert program("train", *arguments, "total_timesteps=640", "hydra.run.dir=parts", cwd=tmp_path).returncode == 0
+    again = program("train", "resume=parts", "total_timesteps=1280", cwd=tmp_path)
+    assert "resumed at step 640" in again.stdout
+    whole, parts = checkpoint_dirs(tmp_path / "whole")[-1], checkpoint_dirs(tmp_path / "parts")[-1]
+    assert whole.name == parts.name
+    for name in ("policy.safetensors", "trainer.safetensors", "trainer.json"):
+        if name.endswith("json"):
+            first, second = (json.loads((folder / name).read_text()) for folder in (whole, parts))
+            for state in (first, second):
+                for episode in state["episodes"]:
+                    del episode["t"]
+                state["statistics"]["sums"].pop("t", None)
+            assert first == second
+        else:
+            first, second = (load_file(folder / name) for folder in (whole, parts))
+            assert first.keys() == second.keys()
+            different = [key for key in first if not th.equal(first[key], second[key])]
+            assert not different
+
+
+def test_a_damaged_checkpoint_is_passed_over_with_a_warning(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    newest = checkpoint_dirs(copy)[-1] / "trainer.safetensors"
+    newest.write_bytes(newest.read_bytes()[:-100])
+    with pytest.warns(UserWarning, match=r"trainer.safetensors: damaged or missing.*Falling back"):
+        done = program("train", f"resume={copy}", "total_timesteps=700", cwd=tmp_path)
+    assert "resumed at step 512" in done.stdout
+
+
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ogmp_sb3.train", "task=dive", *SMALL, "hydra.run.dir=run"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

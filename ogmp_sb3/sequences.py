@@ -1,0 +1,143 @@
+"""The rollout of a recurrent policy as whole sequences: no padding to the longest, no stepping through time.
+
+A rollout is cut into sequences at episode starts, environment changes and minibatch edges. A sequence begins with
+the stored LSTM state, or with zeros if it begins an episode. Sequences of similar length run through the LSTM
+together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch as th
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from stable_baselines3.common.buffers import RolloutBuffer
+
+BUCKETS = (2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # sequence lengths that are padded to
+
+
+@dataclass(frozen=True)
+class SequenceGroup:
+    """Sequences that run through the LSTM together. Indices are into the env-major flattened rollout."""
+
+    steps: th.Tensor
+    """transition of each place, shape (length, sequences), int64; places beyond a sequence's end repeat its last"""
+    valid: th.Tensor
+    """which places count, shape (length, sequences), bool"""
+    keep: th.Tensor
+    """1 where the first state is the stored one, 0 where an episode begins, shape (sequences, 1)"""
+    stored: th.Tensor
+    """where the stored state is: saved step * num_envs + environment, shape (sequences,), int64"""
+
+
+@dataclass(frozen=True)
+class Minibatch:
+    """A part of the rollout."""
+
+    groups: list[SequenceGroup]
+    """its sequences"""
+    order: th.Tensor
+    """transitions in the order in which the groups give them, shape (n,), int64"""
+
+
+class SequenceBuffer(RolloutBuffer):
+    """SB3's ``RolloutBuffer`` that hands out :class:`Minibatch` instead of padded samples.
+
+    :param chunk_length: None: minibatches and sequences are those of sb3-contrib, so gradients are the same; a
+        number: the rollout is cut into chunks of that many steps, which are shuffled anew for every epoch
+    """
+
+    chunk_length: int | None = None
+
+    def reset(self) -> None:
+        super().reset()
+        self.states: list[RNNStates] = []
+
+    def save_states(self, states: RNNStates) -> None:
+        """Keep the LSTM states in front of the step that is added next, if a sequence can begin there."""
+        if self.chunk_length is None or self.pos % self.chunk_length == 0:
+            self.states.append(states)
+
+    def freeze(self) -> None:
+        """Make the full rollout ready for :meth:`minibatches`: flat tensors, env-major."""
+        self._starts = self.episode_starts.astype(bool)  # (steps, envs)
+        self.flat = {
+            name: th.as_tensor(_flatten(getattr(self, name)), device=self.device)
+            for name in ("observations", "actions", "values", "log_probs", "advantages", "returns")
+        }
+        self.actor_states = _stack_states([s.pi for s in self.states])
+        self.critic_states = _stack_states([s.vf for s in self.states])
+
+    def minibatches(self, batch_size: int) -> Iterator[Minibatch]:
+        """One epoch over the rollout.
+
+        :param batch_size: transitions; with chunks, rounded to whole chunks
+        """
+        steps, envs = self.buffer_size, self.n_envs
+        if self.chunk_length is None:
+            # Exactly the draw of sb3-contrib: rotate the flat rollout, then cut it.
+            split = np.random.randint(steps * envs)
+            rotated = np.roll(np.arange(steps * envs), -split)
+            for first in range(0, steps * envs, batch_size):
+                yield self._minibatch(rotated[first : first + batch_size])
+            return
+        length = min(self.chunk_length, steps)
+        chunks = -(-steps // length) * envs
+        shuffled = np.random.permutation(chunks)
+        per_batch = max(1, batch_size // length)
+        per_env = chunks // envs
+        for first in range(0, chunks, per_batch):
+            chosen = shuffled[first : first + per_batch]
+            begin = (chosen // per_env) * steps + (chosen % per_env) * length
+            end = np.minimum(begin + length, (chosen // per_env + 1) * steps)
+            yield self._minibatch(np.concatenate([np.arange(b, e) for b, e in zip(begin, end, strict=True)]))
+
+    def _minibatch(self, transitions: np.ndarray) -> Minibatch:
+        """Cut transitions, in order, into sequences and group these by length."""
+        step, env = transitions % self.buffer_size, transitions // self.buffer_size
+        episode_start = self._starts[step, env]
+        begins = episode_start.copy()
+        begins[0] = True
+        begins[1:] |= np.diff(transitions) != 1
+        begins |= step == 0
+        if self.chunk_length is not None:
+            begins |= step % self.chunk_length == 0
+        first = np.flatnonzero(begins)
+        length = np.diff(np.append(first, len(transitions)))
+        padded = _padded_lengths(length)
+        groups = []
+        for bucket in np.unique(padded):
+            members = padded == bucket
+            place = np.arange(bucket)[:, None]
+            index = first[members] + np.minimum(place, length[members] - 1)
+            start = first[members]
+            saved = step[start] if self.chunk_length is None else step[start] // self.chunk_length
+            groups.append(
+                SequenceGroup(
+                    steps=th.from_numpy(transitions[index]),
+                    valid=th.from_numpy(place < length[members]),
+                    keep=th.from_numpy(~episode_start[start]).float()[:, None],
+                    stored=th.from_numpy(saved * self.n_envs + env[start]),
+                )
+            )
+        return Minibatch(groups, th.cat([group.steps[group.valid] for group in groups]))
+
+
+def _flatten(array: np.ndarray) -> np.ndarray:
+    """(steps, envs, ...) to (envs * steps, ...), env-major."""
+    return np.ascontiguousarray(array.swapaxes(0, 1)).reshape(-1, *array.shape[2:])
+
+
+def _stack_states(states: list[tuple[th.Tensor, ...]]) -> tuple[th.Tensor, th.Tensor]:
+    """Hidden and cell states, each of shape (layers, saved steps * envs, size)."""
+    hidden, cell = (th.stack([s[i] for s in states], dim=1).flatten(1, 2) for i in (0, 1))
+    return hidden, cell
+
+
+def _padded_lengths(length: np.ndarray) -> np.ndarray:
+    """Each length rounded up to a bucket, or to the longest if that is nearer."""
+    buckets = np.append(BUCKETS, length.max())
+    buckets = np.unique(buckets[buckets <= length.max()])
+    return buckets[np.searchsorted(buckets, length)]

@@ -1,0 +1,129 @@
+"""Tests of the registry: names, signatures as schemas, and messages that say what is allowed."""
+
+import pytest
+
+from ogmp_sb3 import registry
+from ogmp_sb3.registry import Registry, did_you_mean
+
+ALL = {
+    "mode": registry.modes,
+    "oracle": registry.oracles,
+    "observation": registry.observations,
+    "reward": registry.rewards,
+    "termination": registry.terminations,
+    "metric": registry.metrics,
+    "objective": registry.objectives,
+}
+
+
+@pytest.fixture
+def terms() -> Registry:
+    terms = Registry("term", arguments=1)
+
+    @terms.register()
+    def gap(view: object, length: float, depth: float = 0.5) -> float:
+        return length * depth
+
+    @terms.register("return")
+    def undiscounted(view: object) -> float:
+        return 0.0
+
+    return terms
+
+
+# ---- did_you_mean ----
+
+
+def test_the_hint_lists_sorted_names_and_the_closest_match() -> None:
+    assert did_you_mean("lenght", ["start", "length"]) == " (allowed: length, start). Did you mean 'length'?"
+
+
+def test_the_hint_suggests_nothing_for_a_name_unlike_all() -> None:
+    assert did_you_mean("qqq", ["start", "length"]) == " (allowed: length, start)."
+
+
+def test_the_hint_says_that_nothing_is_allowed() -> None:
+    assert did_you_mean("x", []) == " (allowed: none)."
+
+
+# ---- register, get, names ----
+
+
+def test_a_function_is_found_by_its_own_or_a_given_name(terms: Registry) -> None:
+    assert terms.names() == ["gap", "return"]
+    assert terms.get("gap")(None, 2.0) == 1.0
+    assert terms.get("return").__name__ == "undiscounted"
+
+
+def test_register_hands_the_function_back_unchanged(terms: Registry) -> None:
+    def step(view: object) -> None: ...
+
+    assert terms.register()(step) is step
+
+
+def test_a_name_cannot_be_registered_twice(terms: Registry) -> None:
+    with pytest.raises(ValueError, match=r"^term 'gap' is registered already\.$"):
+        terms.register("gap")(lambda view: None)
+    assert terms.get("gap")(None, 2.0) == 1.0
+
+
+def test_an_unknown_name_is_an_error_with_the_closest_match(terms: Registry) -> None:
+    with pytest.raises(KeyError, match=r"unknown term 'gab' \(allowed: gap, return\)\. Did you mean 'gap'\?"):
+        terms.get("gab")
+
+
+def test_a_name_with_a_line_break_does_not_break_the_message(terms: Registry) -> None:
+    with pytest.raises(KeyError) as caught:
+        terms.get("ga\np")
+    assert "\n" not in caught.value.args[0]
+
+
+# ---- parameters ----
+
+
+def test_yaml_parameters_are_the_signature_without_what_the_library_passes(terms: Registry) -> None:
+    parameters = terms.parameters("gap")
+    assert list(parameters) == ["length", "depth"]
+    assert parameters["length"].annotation is float
+    assert terms.parameters("return") == {}
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_every_registered_function_has_annotated_parameters(kind: str) -> None:
+    assert ALL[kind].kind == kind
+    assert ALL[kind].names()
+    for name in ALL[kind].names():
+        for parameter in ALL[kind].parameters(name).values():
+            assert parameter.annotation is not parameter.empty
+            assert not isinstance(parameter.annotation, str)
+            assert parameter.kind is parameter.POSITIONAL_OR_KEYWORD
+
+
+# ---- check ----
+
+
+def test_required_parameters_suffice_and_optional_ones_are_accepted(terms: Registry) -> None:
+    terms.check("gap", ["length"])
+    terms.check("gap", {"depth": 1.0, "length": 2.0})
+    terms.check("return", iter([]))
+
+
+def test_an_unknown_parameter_is_an_error_with_the_closest_match(terms: Registry) -> None:
+    message = r"term 'gap' has no parameter 'lenght' \(allowed: depth, length\)\. Did you mean 'length'\?"
+    with pytest.raises(KeyError, match=message):
+        terms.check("gap", ["lenght", "length"])
+
+
+def test_what_the_library_passes_itself_cannot_be_given(terms: Registry) -> None:
+    with pytest.raises(KeyError, match=r"term 'return' has no parameter 'view' \(allowed: none\)\."):
+        terms.check("return", ["view"])
+
+
+def test_a_missing_parameter_is_an_error(terms: Registry) -> None:
+    with pytest.raises(KeyError, match="term 'gap' needs the parameter 'length'"):
+        terms.check("gap", ["depth"])
+
+
+def test_checking_an_unknown_name_is_an_error(terms: Registry) -> None:
+    with pytest.raises(KeyError, match="unknown term 'pag'"):
+        terms.check("pag", [])

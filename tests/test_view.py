@@ -1,0 +1,112 @@
+"""The deviation from the reference, and a view made by hand that the tests of terms share."""
+
+from dataclasses import FrozenInstanceError
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ogmp_sb3.rotations import quat_rotate_inverse
+from ogmp_sb3.srb import STATE_NAMES, STATE_SIZE
+from ogmp_sb3.terrain import empty_terrain
+from ogmp_sb3.view import EnvView, deviation
+
+
+def make_view(num_envs: int = 3, **fields: Any) -> EnvView:
+    """Robots at rest at the origin, upright, 0.5 m above ground that is not there, on their reference."""
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (num_envs, 1))
+    position = np.asarray(fields.get("base_pos_w", np.tile([0.0, 0.0, 0.5], (num_envs, 1))), dtype=float)
+    state = np.zeros((num_envs, STATE_SIZE))
+    state[:, 3:6] = position
+    values: dict[str, Any] = {
+        "base_pos_w": position,
+        "base_quat": upright,
+        "base_linvel_w": np.zeros((num_envs, 3)),
+        "base_angvel_b": np.zeros((num_envs, 3)),
+        "joint_pos": np.zeros((num_envs, 10)),
+        "joint_vel": np.zeros((num_envs, 10)),
+        "torque": np.zeros((num_envs, 10)),
+        "body_contact": np.zeros(num_envs, dtype=bool),
+        "terrain": empty_terrain(num_envs, 4),
+        "ground_height": np.zeros(num_envs),
+        "state": state,
+        "reference": state.copy(),
+        "reference_quat": upright.copy(),
+        "deviation": np.zeros(num_envs),
+        "phase": np.zeros(num_envs, dtype=int),
+        "period": np.full(num_envs, 30),
+    }
+    values |= fields
+    values.setdefault("base_linvel_b", quat_rotate_inverse(values["base_quat"], values["base_linvel_w"]))
+    return EnvView(**values)
+
+
+def one_hot(name: str, value: float) -> np.ndarray:
+    """A row with one named component of the state."""
+    row = np.zeros((1, STATE_SIZE))
+    row[0, STATE_NAMES.index(name)] = value
+    return row
+
+
+def weights(**named: float) -> np.ndarray:
+    """The diagonal of W."""
+    return np.array([named.get(name, 0.0) for name in STATE_NAMES])
+
+
+def test_a_view_cannot_be_changed() -> None:
+    with pytest.raises(FrozenInstanceError):
+        make_view().phase = np.ones(3)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", STATE_NAMES)
+def test_a_weight_on_one_component_sees_that_component_alone(name: str) -> None:
+    for other in STATE_NAMES:
+        state, reference = one_hot(other, 0.75), one_hot(other, 0.5)
+        expected = 2.0 * 0.25 if other == name else 0.0
+        np.testing.assert_allclose(deviation(state, reference, weights(**{name: 2.0})), [expected], atol=1e-12)
+
+
+def test_weights_on_x_and_z_give_the_distance_in_that_plane() -> None:
+    state = one_hot("x", 10.3) + one_hot("z", 0.9) + one_hot("y", 5.0)
+    reference = one_hot("x", 10.0) + one_hot("z", 0.5)
+    np.testing.assert_allclose(deviation(state, reference, weights(x=1.0, z=1.0)), [0.5])
+
+
+def test_the_deviation_is_each_row_s_own() -> None:
+    rng = np.random.default_rng(0)
+    state, reference = rng.uniform(-1, 1, (2, 5, STATE_SIZE))
+    diagonal = rng.uniform(0, 2, STATE_SIZE)
+    expected = [np.sqrt(sum((w * (a - b)) ** 2 for w, a, b in zip(diagonal, *pair, strict=True)))
+                for pair in zip(state, reference, strict=True)]  # fmt: skip
+    np.testing.assert_allclose(deviation(state, reference, diagonal), expected)
+
+
+@pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
+@pytest.mark.parametrize("turns", [-2, -1, 1, 2])
+def test_an_angle_is_compared_the_short_way_round(name: str, turns: int) -> None:
+    """The reference of a flip goes on past pi; the state's angles do not."""
+    state, reference = one_hot(name, 0.1), one_hot(name, 0.3 + 2 * np.pi * turns)
+    np.testing.assert_allclose(deviation(state, reference, weights(**{name: 1.0})), [0.2])
+    state, reference = one_hot(name, np.pi - 0.1), one_hot(name, -np.pi + 0.1)
+    np.testing.assert_allclose(deviation(state, reference, weights(**{name: 1.0})), [0.2])
+
+
+@pytest.mark.parametrize("name", ["x", "wy", "vz"])
+def test_only_angles_wrap_around(name: str) -> None:
+    state, reference = one_hot(name, 0.0), one_hot(name, 2 * np.pi)
+    np.testing.assert_allclose(deviation(state, reference, weights(**{name: 1.0, "pitch": 1.0})), [2 * np.pi])
+
+
+def test_the_deviation_writes_into_no_argument() -> None:
+    state, reference, diagonal = one_hot("pitch", 3.0), one_hot("pitch", 9.0), weights(pitch=1.0)
+    copies = state.copy(), reference.copy(), diagonal.copy()
+    deviation(state, reference, diagonal)
+    for now, before in zip((state, reference, diagonal), copies, strict=True):
+        np.testing.assert_array_equal(now, before)
+
+
+def test_a_state_that_is_not_finite_has_no_deviation() -> None:
+    state = np.concatenate([one_hot("x", np.nan), one_hot("x", 0.5)])
+    found = deviation(state, np.zeros((2, STATE_SIZE)), weights(x=1.0))
+    assert np.isnan(found[0])
+    assert found[1] == 0.5
