@@ -8,7 +8,8 @@ import gymnasium
 
 # Importing these modules registers what a task file can name.
 from ogmp_sb3 import metrics, modes, observations, oracles, rewards, terminations  # noqa: F401
-from ogmp_sb3.config import TaskConfig, load_task
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import TaskConfig
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env

@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from ogmp_sb3.config import TaskConfig, load_task
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.observations import CLIP
 

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from ogmp_sb3 import cli, registry
-from ogmp_sb3.config import Range, TaskConfig, load_task
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import Range, TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.plotting import plot_references
 from ogmp_sb3.reference import hold_row, set_points, span_row

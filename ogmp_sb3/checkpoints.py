@@ -26,7 +26,8 @@ from safetensors.torch import load_file, save_file
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.config import PACKAGE, TaskConfig, task_from_data
+from ogmp_sb3.config import PACKAGE, task_from_data
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.recurrent import LstmPolicy, Normaliser, RecurrentPPO
 from ogmp_sb3.registry import did_you_mean

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3 import registry
-from ogmp_sb3.config import TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.oracles import Oracle, Plant
 from ogmp_sb3.reference import END, SPAN_SIZE, Reference, hold_row, set_points, span_row

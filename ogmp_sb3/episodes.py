@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ogmp_sb3.config import TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.metrics import EpisodeRecord
 from ogmp_sb3.recurrent import LstmPolicy

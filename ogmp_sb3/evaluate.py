@@ -16,7 +16,8 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
-from ogmp_sb3.config import Range, TaskConfig, apply_overrides, task_from_data
+from ogmp_sb3.config import apply_overrides, task_from_data
+from ogmp_sb3.definitions import Range, TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord

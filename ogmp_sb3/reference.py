@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.config import GaitConfig
+from ogmp_sb3.definitions import GaitConfig
 from ogmp_sb3.modes import Contact, Span
 from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
 

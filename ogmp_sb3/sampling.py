@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.config import ModeRanges, Range, TaskConfig
+from ogmp_sb3.definitions import ModeRanges, Range, TaskConfig
 from ogmp_sb3.modes import Segment
 from ogmp_sb3.registry import modes
 

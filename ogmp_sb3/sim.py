@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from ogmp_sb3.config import RobotConfig
+from ogmp_sb3.definitions import RobotConfig
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.terrain import NOTHING, geom_boxes
 

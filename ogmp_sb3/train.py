@@ -32,7 +32,8 @@ from ogmp_sb3.checkpoints import (
     policy_kwargs,
     save_checkpoint,
 )
-from ogmp_sb3.config import TASKS_DIR, TaskConfig, task_from_data
+from ogmp_sb3.config import TASKS_DIR, task_from_data
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.registry import did_you_mean

@@ -17,18 +17,15 @@ from hypothesis import strategies as st
 
 from ogmp_sb3 import load_task, registry
 from ogmp_sb3.config import (
-    MAX_SUBSTEPS,
     ROBOTS_DIR,
     TASKS_DIR,
-    Range,
-    RobotConfig,
-    TaskConfig,
     apply_overrides,
     load_robot,
     task_from_data,
     task_names,
     task_path,
 )
+from ogmp_sb3.definitions import MAX_SUBSTEPS, Range, RobotConfig, TaskConfig
 from ogmp_sb3.schema import Where, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 

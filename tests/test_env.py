@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import TASKS_DIR, TaskConfig, load_task
+from ogmp_sb3.config import TASKS_DIR, load_task
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.sampling import mode_ranges
 from ogmp_sb3.srb import STATE_NAMES

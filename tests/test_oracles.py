@@ -6,7 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import TaskConfig, load_task
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.oracles import ORIENTATION_STEP, Plant, input_weights, state_weights, stationary_gains
 from ogmp_sb3.reference import END, Reference, SetPoints, hold_row, set_points, span_row
 from ogmp_sb3.registry import oracles

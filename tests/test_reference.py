@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import GaitConfig
+from ogmp_sb3.definitions import GaitConfig
 from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
 from ogmp_sb3.reference import CONTACT, END, SPAN_SIZE, SetPoints, hold_row, set_points, span_row
 from ogmp_sb3.sampling import ModeCall

@@ -1,0 +1,339 @@
+"""What a task file and a robot file say, as frozen, validated dataclasses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from ogmp_sb3.schema import Where, describe, read
+from ogmp_sb3.srb import SRB, STATE_NAMES
+
+MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen
+
+
+def _positive(name: str, value: float) -> None:
+    if not value > 0:
+        raise ValueError(f"'{name}' must be above 0, found {value:g}.")
+
+
+def _not_negative(name: str, weights: Mapping[str, float]) -> None:
+    for key, weight in weights.items():
+        if weight < 0:
+            raise ValueError(f"'{name}.{key}' must be at least 0, found {weight:g}.")
+
+
+def _all_different(name: str, entries: tuple[str, ...]) -> None:
+    for entry in entries:
+        if entries.count(entry) > 1:
+            raise ValueError(f"'{name}' has {entry!r} twice.")
+
+
+@dataclass(frozen=True)
+class Range:
+    """One mode parameter: a fixed value, a uniform range, or a set of words."""
+
+    low: float = 0.0
+    """least value"""
+    high: float = 0.0
+    """greatest value; equal to ``low`` for a fixed parameter"""
+    words: tuple[str, ...] = ()
+    """the choices of a parameter that is a word, e.g. a direction"""
+
+    @classmethod
+    def from_data(cls, data: Any, where: Where) -> Range:
+        """Read ``0.8``, ``[0.2, 0.35]``, ``front`` or ``[front, back]``."""
+        expected = "a number, [low, high], a word or a list of words"
+        if data is None or isinstance(data, Mapping | bool):
+            raise TypeError(f"{where} must be {expected}, found {describe(data)}.")
+        if isinstance(data, str):
+            data = [data]
+        if isinstance(data, list | tuple) and data and all(isinstance(d, str) for d in data):
+            if len(set(data)) < len(data):
+                raise ValueError(f"{where} has a word twice: {', '.join(data)}.")
+            return cls(words=tuple(data))
+        if isinstance(data, list | tuple):
+            if len(data) != 2:
+                raise ValueError(f"{where} must be {expected}, found {describe(data)}.")
+            low, high = read(tuple[float, float], data, where)
+            if low > high:
+                raise ValueError(f"{where} is a reversed range: {low} > {high} (write it as [low, high]).")
+            return cls(low, high)
+        value = read(float, data, where)
+        return cls(value, value)
+
+    def towards(self, other: Range, share: float) -> Range:
+        """The range that lies ``share`` of the way (0 to 1) from this one to ``other``."""
+        if self.words:
+            return other
+        return Range(self.low + share * (other.low - self.low), self.high + share * (other.high - self.high))
+
+    def corners(self) -> tuple[float | str, ...]:
+        """The extreme values."""
+        return self.words or (self.low, self.high)
+
+
+ModeRanges = dict[str, dict[str, Range]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotConfig:
+    """``robots/<name>/robot.yaml``."""
+
+    name: str
+    """name of the robot"""
+    mjcf: str
+    """MJCF file, relative to the YAML"""
+    source: str
+    """where the numbers come from"""
+    base: str
+    """the body with the free joint; its origin is p in the paper's reward"""
+    joints: tuple[str, ...]
+    """actuated joints, in the order of actions and observations; actuators have the same names"""
+    feet: tuple[str, ...]
+    """bodies that may touch the ground"""
+    nominal_height: float
+    """base above flat ground in the nominal pose, m"""
+    nominal_joints: tuple[float, ...]
+    """joint positions of the nominal pose, rad"""
+    leg_length: float
+    """for the Froude number, m"""
+    srb: SRB
+    """single rigid body of the oracles"""
+    path: Path = field(default=Path(), metadata={"internal": True})
+    """the YAML file"""
+
+    def __post_init__(self) -> None:
+        if len(self.nominal_joints) != len(self.joints):
+            raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
+        for name in ("nominal_height", "leg_length"):
+            _positive(name, getattr(self, name))
+        for value in (self.srb.mass, *self.srb.inertia):
+            _positive("srb", value)
+        _all_different("joints", self.joints)
+        _all_different("feet", self.feet)
+
+    @property
+    def mjcf_path(self) -> Path:
+        """The MJCF file."""
+        return self.path.parent / self.mjcf
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplingConfig:
+    """How a task variant is drawn from the modes, Psi_T = Psi_M^N."""
+
+    order: Literal["random", "sequence"] = "random"
+    """``random``: modes follow each other at random, without end; ``sequence``: in the given order"""
+    weights: dict[str, float] = field(default_factory=dict)
+    """random: relative frequency of each mode (1 if not given)"""
+    sequence: tuple[str, ...] = ()
+    """sequence: the modes in order"""
+    repeat: Literal["all", "last"] = "last"
+    """sequence: what comes after its end"""
+
+    def __post_init__(self) -> None:
+        if self.order == "sequence" and not self.sequence:
+            raise ValueError("order: sequence needs a sequence of modes.")
+        _not_negative("weights", self.weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurriculumConfig:
+    """A schedule on Psi_M, driven by success: each environment has a level from 0 to 1 of its own.
+
+    Level 0 samples the weights and ranges given here, level 1 those of the task, levels between them lie between.
+    """
+
+    modes: ModeRanges = field(default_factory=dict)
+    """mode parameters at level 0, where they differ from the task's"""
+    weights: dict[str, float] = field(default_factory=dict)
+    """mode frequencies at level 0, where they differ from the task's"""
+    step: float = 0.05
+    """change of level after an episode"""
+    raise_above: float = 0.8
+    """an episode that lasts longer than this share of its time limit raises the level"""
+    lower_below: float = 0.3
+    """a shorter one lowers it"""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lower_below <= self.raise_above <= 1:
+            found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
+            raise ValueError(f"0 <= lower_below <= raise_above <= 1 must hold, found {found}.")
+        _positive("step", self.step)
+        _not_negative("weights", self.weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackConfig:
+    """The ground that the modes' terrain is built on."""
+
+    width: float = 2.0
+    """m; nothing lies beside the track"""
+    length: float | None = None
+    """m; flat ground follows. null: endless"""
+    boxes: int = 16
+    """terrain boxes of each simulation, recycled ahead of the robot"""
+
+    def __post_init__(self) -> None:
+        _positive("width", self.width)
+        if self.length is not None:
+            _positive("length", self.length)
+        if self.boxes < 2:
+            raise ValueError(f"boxes must be at least 2, found {self.boxes}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitConfig:
+    """How set-points cross ground: hops of half stance and half flight."""
+
+    height: float = 0.55
+    """base above the ground in the set-points, m"""
+    cycle: float = 0.25
+    """duration of a hop, s; rounded so that a whole number fits the stretch"""
+
+    def __post_init__(self) -> None:
+        _positive("height", self.height)
+        _positive("cycle", self.cycle)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionConfig:
+    """Joint-position targets: nominal pose + scale * action, action in [-1, 1]."""
+
+    scale: float = 2.0
+    """rad"""
+    noise: float = 0.165
+    """initial standard deviation of the exploration noise, rad"""
+
+    def __post_init__(self) -> None:
+        _positive("scale", self.scale)
+        _positive("noise", self.noise)
+
+
+Terms = dict[str, dict[str, Any] | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationConfig:
+    """The test protocol. The bound and the reward floor are off."""
+
+    episode_steps: int = 400
+    """time limit, control steps"""
+    track_length: float | None = None
+    """m; flat ground follows"""
+    terminations: Terms = field(default_factory=dict)
+    """what ends an episode before the time limit"""
+    metrics: tuple[str, ...] = ()
+    """names of metrics to report"""
+
+    def __post_init__(self) -> None:
+        if self.episode_steps < 1:
+            raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
+        if self.track_length is not None:
+            _positive("track_length", self.track_length)
+        _all_different("metrics", self.metrics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskConfig:
+    """``tasks/<name>.yaml``: everything that defines a task. Only data."""
+
+    description: str
+    """one sentence"""
+    robot: str
+    """name of a shipped robot, or path of a robot.yaml (relative to the task file)"""
+    control_dt: float
+    """s"""
+    physics_dt: float
+    """s"""
+    episode_steps: int
+    """time limit in training, control steps"""
+    modes: dict[str, dict[str, Range] | None]
+    """mode -> parameter -> value, [low, high] or words; null removes a mode"""
+    sampling: SamplingConfig = SamplingConfig()
+    """how modes follow each other"""
+    curriculum: CurriculumConfig | None = None
+    """schedule on the modes and their ranges, null = off"""
+    track: TrackConfig = TrackConfig()
+    """the ground"""
+    gait: GaitConfig = GaitConfig()
+    """set-points while crossing ground"""
+    oracle: str
+    """name of an oracle"""
+    oracle_params: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """oracle -> its parameters"""
+    feedback: tuple[str, ...]
+    """states the oracle takes from the robot at a query; the others start at 0"""
+    horizon: int | None
+    """control steps between oracle queries; null: one query per (timed) mode"""
+    rho: float | None
+    """permissible-state bound; null: off (unguided PPO)"""
+    bound: dict[str, float]
+    """diagonal of W by state name; states not named have weight 0"""
+    min_step_reward: float | None = None
+    """an episode also ends when a step's reward falls below this; null: off"""
+    action: ActionConfig = ActionConfig()
+    """what the policy commands"""
+    observations: Terms
+    """observation terms in order, with parameters; null removes one"""
+    rewards: Terms
+    """reward terms with parameters; null removes one"""
+    terminations: Terms = field(default_factory=dict)
+    """termination terms in training, besides the bound, the reward floor and the time limit"""
+    evaluation: EvaluationConfig = EvaluationConfig()
+    """the test protocol"""
+    objective: str
+    """the task's true objective J"""
+    name: str = field(default="task", metadata={"internal": True})
+    """file name without ending"""
+    file: str = field(default="task", metadata={"internal": True})
+    """the file, for messages"""
+    robot_config: RobotConfig = field(default=None, metadata={"internal": True})  # type: ignore[assignment]
+    """the robot"""
+
+    def __post_init__(self) -> None:
+        _positive("control_dt", self.control_dt)
+        _positive("physics_dt", self.physics_dt)
+        ratio = self.control_dt / self.physics_dt
+        if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
+            found = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
+            raise ValueError(f"control_dt / physics_dt must be a whole number below {MAX_SUBSTEPS}, found {found}.")
+        if self.episode_steps < 1:
+            raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
+        if self.horizon is not None and self.horizon < 1:
+            raise ValueError(f"'horizon' must be at least 1 control step or null, found {self.horizon}.")
+        if self.rho is not None and self.rho <= 0:
+            raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
+        _not_negative("bound", self.bound)
+        if not any(self.bound.values()):
+            raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")
+        _all_different("feedback", self.feedback)
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control step."""
+        return round(self.control_dt / self.physics_dt)
+
+    @property
+    def mode_ranges(self) -> ModeRanges:
+        """The modes in use and their parameters."""
+        return {name: ranges for name, ranges in self.modes.items() if ranges is not None}
+
+    @property
+    def bound_weights(self) -> tuple[float, ...]:
+        """Diagonal of W, length 12."""
+        return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
+
+    def for_evaluation(self) -> TaskConfig:
+        """This task under its test protocol: no bound, no reward floor, no curriculum."""
+        return replace(
+            self,
+            rho=None,
+            min_step_reward=None,
+            curriculum=None,
+            terminations=self.evaluation.terminations,
+            episode_steps=self.evaluation.episode_steps,
+            track=replace(self.track, length=self.evaluation.track_length),
+        )
