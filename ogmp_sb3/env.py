@@ -9,26 +9,19 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3 import registry
+from ogmp_sb3.course import Course
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.oracles import Oracle, Plant
-from ogmp_sb3.reference import END, SPAN_SIZE, Reference, hold_row, set_points, span_row
+from ogmp_sb3.reference import Reference, set_points
 from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE, VEL
-from ogmp_sb3.terrain import Plateau, empty_terrain, height_at, place
+from ogmp_sb3.terrain import height_at
 from ogmp_sb3.view import EnvView, deviation, srb_state
 
-START_PLATEAU = 2.0  # m: flat ground behind the start of a track
-KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
-REACH = 1.2  # m: terrain ahead of the base that is always there
-MAX_SPANS = 24  # spans kept for each environment
-
-STATE_ARRAYS = (
-    "terrain", "_spans", "_span_count", "_laid", "_mode_count", "_reference", "_reference_quat", "_period", "_phase",
-    "step_count", "level", "_ended",
-)  # fmt: skip
+STATE_ARRAYS = ("_reference", "_reference_quat", "_period", "_phase", "step_count", "level", "_ended")
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
@@ -81,9 +74,8 @@ class BatchEnv:
             raise ValueError(f"'num_envs' must be at least 1, found {num_envs}.")
         self.task, self.num_envs = task, num_envs
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
-        self._timed, self._lookahead, most_steps = _extent(task)
+        self.course = Course(task, num_envs)
         self._oracle = make_oracle(task)
-        self._sampler = ModeSampler(task)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
@@ -91,14 +83,8 @@ class BatchEnv:
         self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
         self._nominal = np.array(task.robot_config.nominal_joints)
 
-        self.terrain = empty_terrain(num_envs, task.track.boxes)
-        self._spans = np.zeros((num_envs, MAX_SPANS, SPAN_SIZE))
-        self._span_count = np.zeros(num_envs, dtype=int)
-        self._laid = np.zeros(num_envs)  # m of track laid so far
-        self._mode_count = np.zeros(num_envs, dtype=int)
-        self.modes: list[list[ModeCall]] = [[] for _ in range(num_envs)]
-        self._reference = np.zeros((num_envs, most_steps + 1, STATE_SIZE))
-        self._reference_quat = np.zeros((num_envs, most_steps + 1, 4))
+        self._reference = np.zeros((num_envs, self.course.most_steps + 1, STATE_SIZE))
+        self._reference_quat = np.zeros((num_envs, self.course.most_steps + 1, 4))
         self._period = np.ones(num_envs, dtype=int)
         self._phase = np.zeros(num_envs, dtype=int)
         self.step_count = np.zeros(num_envs, dtype=int)
@@ -116,6 +102,16 @@ class BatchEnv:
     def observation_size(self) -> int:
         """Length of one observation."""
         return len(self.observation_scale)
+
+    @property
+    def terrain(self) -> np.ndarray:
+        """Terrain boxes, shape (num_envs, boxes, 5)."""
+        return self.course.terrain
+
+    @property
+    def modes(self) -> list[list[ModeCall]]:
+        """The modes of each environment's variant so far."""
+        return self.course.modes
 
     @property
     def action_size(self) -> int:
@@ -142,19 +138,12 @@ class BatchEnv:
         """
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
         self._update_levels(rows)
-        self.terrain[rows] = empty_terrain(len(rows), self.terrain.shape[1])
-        self._span_count[rows] = 0
-        self._laid[rows] = 0.0
-        self._mode_count[rows] = 0
         self._phase[rows] = 0
         self.step_count[rows] = 0
         base = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
-            self.modes[row] = []
-            if not self._timed:
-                half_width = 0.5 * self.task.track.width
-                self._place(row, [Plateau(-START_PLATEAU, 0.0, 0.0).box(0.0, half_width)], -np.inf)
-            base[i, 2] = self._extend(row, 0.0) + self.task.robot_config.nominal_height
+            ground = self.course.begin(row, self._rng[row], float(self.level[row]))
+            base[i, 2] = ground + self.task.robot_config.nominal_height
         self.sim.set_terrain(rows, self.terrain[rows])
         self.sim.place(rows, base, self._nominal)
         self._query(rows)
@@ -187,9 +176,9 @@ class BatchEnv:
         self._lay_ahead(alive)
         due = alive[self._phase[alive] >= self._period[alive]]
         if len(due):
-            if self._timed:
+            if self.course.timed:
                 for row in due:
-                    self._extend(row, 0.0)
+                    self.course.extend(row, 0.0, self._rng[row], float(self.level[row]))
             self._query(due)
         seen = replace(view, phase=self._phase, period=self._period, terrain=self.terrain)
         return StepResult(
@@ -204,11 +193,9 @@ class BatchEnv:
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that the next steps depend on: arrays, and plain data (generators and the modes drawn so far)."""
-        arrays = {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
-        plain = {
-            "generators": [generator.bit_generator.state for generator in self._rng],
-            "modes": [[[call.name, call.parameters] for call in calls] for calls in self.modes],
-        }
+        arrays, modes = self.course.state()
+        arrays |= {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
+        plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
         return arrays, plain
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
@@ -220,13 +207,13 @@ class BatchEnv:
             if name not in arrays or arrays[name].shape != getattr(self, name).shape:
                 raise ValueError(f"the saved state does not fit this task and {self.num_envs} environments ({name}).")
             getattr(self, name)[...] = arrays[name]
+        self.course.set_state(arrays, plain["modes"])
         every = np.arange(self.num_envs)
         self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(every, self.terrain)
         self.sim.batch.state[...] = arrays["sim"]
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
-        self.modes = [[ModeCall(name, parameters) for name, parameters in calls] for calls in plain["modes"]]
 
     # ------------------------------------------------------------------ parts of a step
 
@@ -294,67 +281,14 @@ class BatchEnv:
         change *= curriculum.step * self._ended[rows]  # an episode that was broken off says nothing
         self.level[rows] = np.clip(self.level[rows] + change, 0.0, 1.0)
 
-    # ------------------------------------------------------------------ terrain and references
-
     def _lay_ahead(self, rows: np.ndarray) -> None:
         """Recycle terrain boxes and spans so that the track goes on ahead of every robot."""
-        if self._timed:
-            return
-        x = self.sim.qpos[rows, self.sim.base_qpos]
-        short = rows[self._laid[rows] - x < self._lookahead]
+        x = self.sim.qpos[:, self.sim.base_qpos]
+        short = self.course.short_of_track(rows, x[rows])
         for row in short:
-            self._extend(row, float(self.sim.qpos[row, self.sim.base_qpos]))
+            self.course.extend(row, float(x[row]), self._rng[row], float(self.level[row]))
         if len(short):
             self.sim.set_terrain(short, self.terrain[short])
-
-    def _extend(self, row: int, x: float) -> float:
-        """Lay modes ahead of a place on the track, or lay the next timed mode; the first one's start height."""
-        start_height = 0.0
-        while self._timed or self._laid[row] - x < self._lookahead:
-            call = self._next_mode(row)
-            segment = call.segment()
-            if self._mode_count[row] == 0:
-                start_height = segment.start_height
-            self.modes[row].append(call)
-            self._mode_count[row] += 1
-            half_width = 0.5 * self.task.track.width
-            boxes = [plateau.box(self._laid[row], half_width) for plateau in segment.plateaus]
-            if boxes:
-                self._place(row, boxes, x - KEEP_BEHIND)
-            self._add_spans(row, [span_row(s, self._laid[row]) for s in segment.spans], x)
-            self._laid[row] += segment.length
-            if self._timed:
-                break
-        return start_height
-
-    def _next_mode(self, row: int) -> ModeCall:
-        """The next mode of the variant; behind the end of the track, flat ground."""
-        length = self.task.track.length
-        if length is not None and not self._timed and self._laid[row] >= length:
-            last = self._spans[row, self._span_count[row] - 1]
-            return ModeCall("pace", {"v": float(last[1]), "length": 1.0})
-        return self._sampler.draw(self._rng[row], int(self._mode_count[row]), float(self.level[row]))
-
-    def _place(self, row: int, boxes: list[tuple[float, ...]], keep_from: float) -> None:
-        if not place(self.terrain, row, boxes, keep_from):
-            raise ValueError(
-                f"{self.task.file}: 'track.boxes' is {self.task.track.boxes}, too few for the terrain around a robot; "
-                "raise it, or make the modes longer."
-            )
-
-    def _add_spans(self, row: int, new: list[tuple[float, ...]], x: float) -> None:
-        count = 0 if self._timed else int(self._span_count[row])
-        old = self._spans[row, :count]
-        old = old[old[:, END] > x - KEEP_BEHIND]
-        spans = np.concatenate([old, np.array(new)])
-        spans[:, END] = np.maximum.accumulate(spans[:, END])
-        if len(spans) >= MAX_SPANS:
-            raise ValueError(
-                f"{self.task.file}: 'modes' are too short: over {MAX_SPANS} set-point spans around a robot."
-            )
-        self._spans[row, : len(spans)] = spans
-        self._spans[row, len(spans) :] = hold_row(spans[-1])
-        self._span_count[row] = len(spans)
 
     def _query(self, rows: np.ndarray) -> None:
         """Ask the oracle, from the robots' present states."""
@@ -362,44 +296,12 @@ class BatchEnv:
         x0, _ = srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])
         x0 = np.where(self._feedback, x0, 0.0)
 
-        spans = self._spans[rows]
-        if self._timed:
-            ends = spans[np.arange(len(rows)), self._span_count[rows] - 1, END]
-            steps = np.maximum(np.round(ends / task.control_dt).astype(int), 1)
-        else:
-            steps = np.full(len(rows), task.horizon)
-        points = set_points(spans, np.full(len(rows), self._timed), x0, steps, task.control_dt, task.gait)
+        steps = self.course.query_steps(rows)
+        timed = np.full(len(rows), self.course.timed)
+        points = set_points(self.course.spans[rows], timed, x0, steps, task.control_dt, task.gait)
         reference: Reference = self._oracle(points, x0)
         knots = reference.state.shape[1]
         self._reference[rows, :knots] = reference.state
         self._reference_quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
         self._period[rows] = steps
         self._phase[rows] = 0
-
-
-def _extent(task: TaskConfig) -> tuple[bool, float, int]:
-    """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
-    ranges = dict(task.mode_ranges)
-    corners = list(corner_segments(ranges))
-    if task.curriculum is not None:
-        corners += corner_segments({m: {**ranges[m], **r} for m, r in task.curriculum.modes.items()})
-    timed = {segment.timed for segment in corners}
-    if len(timed) > 1:
-        raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")
-    if timed == {True}:
-        if task.horizon is not None:
-            raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
-        if task.sampling.order != "sequence":
-            raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
-        return True, 0.0, max(round(s.spans[-1].end / task.control_dt) for s in corners) + 1
-    if task.horizon is None:
-        raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
-    if any(s.length <= 0 for s in corners):
-        raise ValueError(f"{task.file}: 'modes' has a mode that takes no length of the track.")
-    speeds = [span.velocity[0] for s in corners for span in s.spans]
-    if min(speeds) < 0:
-        raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
-    ahead = max(speeds) * task.horizon * task.control_dt + 0.3
-    scan = task.observations.get("height_scan") or {}
-    seen = scan.get("points", 0) * scan.get("spacing", 0.0)
-    return False, max(REACH, ahead, seen), task.horizon

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import platform
 import shutil
 import signal
 import sys
-from dataclasses import asdict, dataclass
-from importlib import metadata
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -35,54 +32,14 @@ from ogmp_sb3.checkpoints import (
 from ogmp_sb3.config import TASKS_DIR, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
+from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_yaml
 
-RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 REPLACES_TASK = ("rho", "oracle", "horizon")
 RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PPOConfig:
-    """Hyper-parameters of RecurrentPPO, by sb3-contrib's names, and the size of the network."""
-
-    n_steps: int
-    batch_size: int
-    n_epochs: int
-    learning_rate: float
-    gamma: float
-    gae_lambda: float
-    clip_range: float
-    target_kl: float | None
-    ent_coef: float
-    vf_coef: float
-    max_grad_norm: float
-    lstm_hidden_size: int
-    n_lstm_layers: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainConfig:
-    """Everything about a run but its task."""
-
-    seed: int
-    total_timesteps: int
-    num_envs: int
-    checkpoint_interval: int
-    keep_checkpoints: int
-    torch_threads: str | int
-    physics_threads: str | int
-    ppo: PPOConfig
-
-    def __post_init__(self) -> None:
-        for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
-        if self.seed < 0:
-            raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
 
 
 class StopTraining(Exception):
@@ -161,17 +118,17 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     :param resume: go on from the latest checkpoint of ``run_dir``
     :return: mean return of the last episodes
     """
-    threads = _threads(config.torch_threads, "torch_threads")
-    th.set_num_threads(threads)
-    env = OgmpVecEnv(task, config.num_envs, config.seed, _threads(config.physics_threads, "physics_threads"))
-    ppo = asdict(config.ppo)
+    th.set_num_threads(thread_count(config.torch_threads))
+    env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     network = policy_kwargs(
         env.batch.observation_scale,
-        lstm_hidden_size=ppo.pop("lstm_hidden_size"),
-        n_lstm_layers=ppo.pop("n_lstm_layers"),
+        lstm_hidden_size=config.ppo.lstm_hidden_size,
+        n_lstm_layers=config.ppo.n_lstm_layers,
         log_std_init=float(np.log(task.action.noise / task.action.scale)),
     )
-    model = RecurrentPPO("MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **ppo)
+    model = RecurrentPPO(
+        "MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **config.ppo.settings()
+    )
     info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))
@@ -200,28 +157,6 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
         checkpoints.save()
     print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval run={run_dir}")
     return _mean_return(model)
-
-
-def versions() -> dict[str, str]:
-    """What a run's numbers depend on."""
-    found = {name: metadata.version(name) for name in RECORDED if _installed(name)}
-    return {"python": platform.python_version(), "machine": platform.machine(), **found}
-
-
-def _installed(name: str) -> bool:
-    try:
-        metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return False
-    return True
-
-
-def _threads(setting: str | int, name: str) -> int:
-    if setting == "auto":
-        return max(1, os.cpu_count() or 1)
-    if isinstance(setting, int) and setting >= 1:
-        return setting
-    raise ValueError(f"'{name}' must be auto or a whole number of at least 1, found {setting!r}.")
 
 
 def _write_run_files(run_dir: Path, task_data: dict[str, Any], task: TaskConfig, config: TrainConfig) -> None:

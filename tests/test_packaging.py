@@ -27,7 +27,7 @@ LAYERS = (
     {"riccati", "terrain"},
     {"modes"},
     {"reference", "sampling"},
-    {"oracles"},
+    {"oracles", "course"},
     {"view"},
     {"observations", "rewards", "terminations", "metrics"},
     {"sim"},
@@ -36,8 +36,9 @@ LAYERS = (
     {"sequences"},
     {"recurrent"},
     {"checkpoints"},
+    {"recipe"},
     {"plotting", "logs", "cli", "episodes"},
-    {"train", "evaluate", "check"},
+    {"train", "evaluate", "check", "bench"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 

@@ -1,0 +1,315 @@
+"""``ogmp-bench``: how fast simulation, learner and whole training are, side by side with the alternatives."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import platform
+import resource
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch as th
+from rich.console import Console
+from rich.table import Table
+from sb3_contrib import RecurrentPPO as StockRecurrentPPO
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+
+from ogmp_sb3 import cli
+from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
+from ogmp_sb3.checkpoints import policy_kwargs
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.recipe import PPOConfig, default_ppo, versions
+from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sim import Simulation
+
+PROGRAM = "ogmp-bench"
+Numbers = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchConfig:
+    """Keys of the command line."""
+
+    what: Literal["sim", "learner", "train"] = cli.option("sim, learner or train; the key may be left out")
+    task: str = cli.option("a shipped task or the path of a YAML file", "parkour")
+    num_envs: int = cli.option("environments of the comparison", 64)
+    steps: int = cli.option("control steps (sim) or samples (train) of one repeat", 0)
+    repeats: int = cli.option("repeats; medians are reported", 5)
+    json: str | None = cli.option("file for the numbers", None)
+
+    def __post_init__(self) -> None:
+        for name in ("num_envs", "repeats"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.steps < 0:
+            raise ValueError(f"'steps' must be at least 0 (0: a default), found {self.steps}.")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "measure speed as ratios within one run, medians over repeats.",
+    ["ogmp-bench sim", "ogmp-bench learner json=learner.json", "ogmp-bench train steps=8192 repeats=3"],
+    BenchConfig,
+)
+
+
+def bench_sim(config: BenchConfig, task: TaskConfig) -> Numbers:
+    """``OgmpVecEnv.step`` against bare physics, against SB3's own vectorisation, and by size."""
+    steps = config.steps or 150
+    recording = _record(task, config.num_envs, steps)
+    whole, bare = [], []
+    for _ in range(config.repeats):
+        whole.append(_time_recording(task, recording))
+        bare.append(_time_bare(task, recording))
+    found = {
+        "sim_over_bare_physics": _median(bare) / _median(whole),
+        "steps_per_second": config.num_envs * steps / _median(whole),
+        "bare_physics_steps_per_second": config.num_envs * steps / _median(bare),
+    }
+    found |= _shares(task, recording)
+    cores = os.cpu_count() or 1
+    for name, kind in (("dummy_vec_env", DummyVecEnv), ("subproc_vec_env", SubprocVecEnv)):
+        number = 4 * cores
+        seconds = _time_stock(kind, config.task, number, max(steps // 4, 10))
+        found[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
+    for number in (1, 16, 64, 256, 1024):
+        found[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
+    for threads in range(1, cores + 1):
+        found[f"steps_per_second_{threads}_threads"] = _throughput(task, config.num_envs, steps, threads)
+    return found
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A run of a batch of environments: what went in, and the state after every reset."""
+
+    actions: np.ndarray
+    """shape (steps, num_envs, joints)"""
+    resets: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    """after each step: rows, their simulation states, their terrain"""
+    laid: list[tuple[np.ndarray, np.ndarray]]
+    """after each step: rows whose track went on, their terrain"""
+
+
+def _actions(task: TaskConfig, steps: int, num_envs: int) -> np.ndarray:
+    """What an untrained policy does: the exploration noise."""
+    size = (steps, num_envs, len(task.robot_config.joints))
+    return (task.action.noise / task.action.scale * np.random.default_rng(0).standard_normal(size)).astype(np.float32)
+
+
+def _record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
+    env = OgmpVecEnv(task, num_envs, seed=0)
+    env.reset()
+    recording = Recording(_actions(task, steps, num_envs), [], [])
+    batch = env.batch
+    before = batch.terrain.copy()
+    for action in recording.actions:
+        _, _, dones, _ = env.step(action)
+        ended = np.flatnonzero(dones)
+        recording.resets.append((ended, batch.sim.batch.state[ended].copy(), batch.terrain[ended].copy()))
+        moved = np.flatnonzero((batch.terrain != before).any(axis=(1, 2)) & ~dones)
+        recording.laid.append((moved, batch.terrain[moved].copy()))
+        before = batch.terrain.copy()
+    return recording
+
+
+def _time_recording(task: TaskConfig, recording: Recording) -> float:
+    env = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
+    env.reset()
+    return _seconds(lambda: [env.step(action) for action in recording.actions])
+
+
+def _time_bare(task: TaskConfig, recording: Recording) -> float:
+    """The same physics and nothing else: the recorded controls, resets and terrain."""
+    reference = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
+    reference.reset()
+    start, terrain = reference.batch.sim.batch.state.copy(), reference.batch.terrain.copy()
+    sim = Simulation(task.robot_config, len(start), task.physics_dt, task.track.boxes, 0)
+    sim.batch.state[:] = start
+    sim.set_terrain(np.arange(len(start)), terrain)
+    nominal = np.array(task.robot_config.nominal_joints)
+    targets = nominal + task.action.scale * np.clip(recording.actions, -1.0, 1.0)
+
+    def replay() -> None:
+        for target, (rows, states, boxes), (moved, track) in zip(
+            targets, recording.resets, recording.laid, strict=True
+        ):
+            sim.ctrl[:, sim.actuators] = target
+            sim.batch.step(None, task.substeps)
+            for changed, ground in ((moved, track), (rows, boxes)):
+                if len(changed):
+                    sim.set_terrain(changed, ground)
+            sim.batch.state[rows] = states
+
+    return _seconds(replay)
+
+
+def _shares(task: TaskConfig, recording: Recording) -> Numbers:
+    """Shares of the time of a step, by wrapping the parts with a clock."""
+    env = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
+    env.reset()
+    spent: Numbers = {}
+
+    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapped(*args: Any, **kwargs: Any) -> Any:
+            begin = time.perf_counter()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
+
+        return wrapped
+
+    batch: Any = env.batch
+    batch.sim.step = timed("physics", batch.sim.step)
+    batch._query = timed("oracle", batch._query)
+    batch._observe = timed("observation", batch._observe)
+    batch.reset = timed("reset", batch.reset)
+    for name, term in batch._rewards.items():
+        batch._rewards[name] = timed("reward", term)
+    total = _seconds(lambda: [env.step(action) for action in recording.actions])
+    return {f"share_{name}": seconds / total for name, seconds in sorted(spent.items())}
+
+
+def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> float:
+    env = OgmpVecEnv(task, num_envs, seed=0, threads=threads)
+    env.reset()
+    actions = _actions(task, steps, num_envs)
+    return num_envs * steps / _seconds(lambda: [env.step(action) for action in actions])
+
+
+def _stock_env(kind: type[VecEnv], task: str, number: int) -> VecEnv:
+    return kind([partial(OgmpEnv, task) for _ in range(number)])  # type: ignore[call-arg]
+
+
+def _time_stock(kind: type[VecEnv], task: str, number: int, steps: int) -> float:
+    actions = _actions(load_task(task), steps, number)
+    with closing(_stock_env(kind, task, number)) as env:
+        env.reset()
+        return _seconds(lambda: [env.step(action) for action in actions])
+
+
+def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
+    """``train()`` on the same rollout: stock, ours with stock's gradients, ours with chunks."""
+    recipe = default_ppo()
+    env = OgmpVecEnv(task, config.num_envs, seed=0)
+    learners = {
+        "stock": _learner(StockRecurrentPPO, env, recipe, None),
+        "exact": _learner(RecurrentPPO, env, recipe, None),
+        "chunked": _learner(RecurrentPPO, env, recipe, recipe.chunk_length or recipe.n_steps),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in learners}
+    for _ in range(config.repeats):
+        for name, learner in learners.items():
+            _, callback = learner._setup_learn(10**9, reset_num_timesteps=False)
+            learner.collect_rollouts(env, callback, learner.rollout_buffer, learner.n_steps)
+            seconds[name].append(_seconds(learner.train))
+    median = {name: _median(values) for name, values in seconds.items()}
+    samples = recipe.n_steps * config.num_envs
+    return {
+        "learner_exact_over_stock": median["stock"] / median["exact"],
+        "learner_over_stock": median["stock"] / median["chunked"],
+        **{f"{name}_samples_per_second": samples / value for name, value in median.items()},
+    }
+
+
+def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chunk_length: int | None) -> Any:
+    settings = recipe.settings()
+    settings.pop("chunk_length")
+    extra = {} if kind is StockRecurrentPPO else {"chunk_length": chunk_length}
+    batch = env.batch if isinstance(env, OgmpVecEnv) else None
+    size = env.observation_space.shape[0]  # type: ignore[index]
+    scale = batch.observation_scale if batch is not None else np.ones(size)
+    network = policy_kwargs(scale, recipe.lstm_hidden_size, recipe.n_lstm_layers, log_std_init=-2.5)
+    # No early stop, so that all do the recipe's epochs.
+    settings["target_kl"] = None
+    learner = kind("MlpLstmPolicy", env, seed=0, device="cpu", policy_kwargs=network, **settings, **extra)
+    learner.set_logger(Logger(None, []))
+    return learner
+
+
+def bench_train(config: BenchConfig, task: TaskConfig) -> Numbers:
+    """Whole training against stock RecurrentPPO on a SubprocVecEnv of the same environment, same settings."""
+    recipe = default_ppo()
+    rollout = recipe.n_steps * config.num_envs
+    samples = max(config.steps or 4 * rollout, rollout) // rollout * rollout
+    ours_env = OgmpVecEnv(task, config.num_envs, seed=0)
+    ours = _learner(RecurrentPPO, ours_env, recipe, recipe.chunk_length)
+    with closing(_stock_env(SubprocVecEnv, config.task, config.num_envs)) as stock_env:
+        stock = _learner(StockRecurrentPPO, stock_env, recipe, None)
+        ours_rate, stock_rate = [], []
+        for _ in range(config.repeats):
+            ours_rate.append(samples / _seconds(lambda: ours.learn(samples, reset_num_timesteps=False)))
+            stock_rate.append(rollout / _seconds(lambda: stock.learn(rollout, reset_num_timesteps=False)))
+    return {
+        "train_over_stock": _median(ours_rate) / _median(stock_rate),
+        "samples_per_second": _median(ours_rate),
+        "stock_samples_per_second": _median(stock_rate),
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "memory_mb_per_env": _memory_per_env(task),
+    }
+
+
+def _memory_per_env(task: TaskConfig) -> float:
+    """Growth of the resident size from 64 to 1,088 environments, MB each."""
+
+    def resident() -> float:
+        gc.collect()
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * resource.getpagesize() / 2**20
+
+    small = OgmpVecEnv(task, 64, seed=0)
+    before = resident()
+    large = OgmpVecEnv(task, 1024, seed=0)
+    large.reset()
+    grown = resident() - before
+    del small, large
+    return grown / 1024
+
+
+def _seconds(body: Callable[[], Any]) -> float:
+    gc.collect()
+    begin = time.perf_counter()
+    body()
+    return time.perf_counter() - begin
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values))
+
+
+def _run(arguments: list[str]) -> None:
+    arguments = [a if "=" in a else f"what={a}" for a in arguments]
+    config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    task = load_task(config.task, overrides)
+    th.set_num_threads(os.cpu_count() or 1)
+    body = {"sim": bench_sim, "learner": bench_learner, "train": bench_train}[config.what]
+    numbers = body(config, task)
+    table = Table(title=f"{PROGRAM} {config.what}, {platform.processor() or platform.machine()}", title_justify="left")
+    table.add_column("what")
+    table.add_column("value", justify="right")
+    for name, value in numbers.items():
+        table.add_row(name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}")
+    Console().print(table)
+    if config.json:
+        report = {"config": asdict(config), "numbers": numbers, "cores": os.cpu_count(), "versions": versions()}
+        Path(config.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

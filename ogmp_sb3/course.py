@@ -1,0 +1,161 @@
+"""The courses of a batch of environments: terrain and set-point spans, laid ahead of each robot mode by mode."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.reference import END, SPAN_SIZE, VX, hold_row, span_row
+from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.terrain import Plateau, empty_terrain, place
+
+START_PLATEAU = 2.0  # m: flat ground behind the start of a track
+KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
+REACH = 1.2  # m: terrain ahead of the base that is always there
+MAX_SPANS = 24  # spans kept for each environment
+
+
+class Course:
+    """What the modes drawn so far ask of the ground and of the robot, for every environment.
+
+    :param task: the task
+    :param num_envs: number of environments
+    :raises ValueError: if the task's modes do not go together
+    """
+
+    def __init__(self, task: TaskConfig, num_envs: int) -> None:
+        self.task = task
+        self.timed, self._lookahead, self.most_steps = _extent(task)
+        self._sampler = ModeSampler(task)
+        self.terrain = empty_terrain(num_envs, task.track.boxes)
+        self.spans = np.zeros((num_envs, MAX_SPANS, SPAN_SIZE))
+        self._span_count = np.zeros(num_envs, dtype=int)
+        self._laid = np.zeros(num_envs)  # m of track laid so far
+        self._mode_count = np.zeros(num_envs, dtype=int)
+        self.modes: list[list[ModeCall]] = [[] for _ in range(num_envs)]
+
+    def begin(self, row: int, rng: np.random.Generator, level: float) -> float:
+        """Begin a new variant; returns the height of the ground at its start, m."""
+        self.terrain[row] = empty_terrain(1, self.terrain.shape[1])[0]
+        self._span_count[row] = self._mode_count[row] = 0
+        self._laid[row] = 0.0
+        self.modes[row] = []
+        if not self.timed:
+            self._place(row, [Plateau(-START_PLATEAU, 0.0, 0.0)], -np.inf)
+        self.extend(row, 0.0, rng, level)
+        return self.modes[row][0].segment().start_height
+
+    def short_of_track(self, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Those of the rows whose track must go on.
+
+        :param rows: environments, shape (n,), int
+        :param x: where their robots are along the track, shape (n,), m
+        """
+        return rows[self._laid[rows] - x < self._lookahead] if not self.timed else rows[:0]
+
+    def extend(self, row: int, x: float, rng: np.random.Generator, level: float) -> None:
+        """Lay modes ahead of a place on the track; in a timed task, go on to the next mode.
+
+        :param row: the environment
+        :param x: where its robot is along the track, m
+        :param rng: its generator
+        :param level: its curriculum level
+        """
+        while self.timed or self._laid[row] - x < self._lookahead:
+            call = self._next_mode(row, rng, level)
+            segment = call.segment()
+            self.modes[row].append(call)
+            self._mode_count[row] += 1
+            if segment.plateaus:
+                self._place(row, list(segment.plateaus), x - KEEP_BEHIND)
+            self._add_spans(row, [span_row(s, self._laid[row]) for s in segment.spans], x - KEEP_BEHIND)
+            self._laid[row] += segment.length
+            if self.timed:
+                return
+
+    def query_steps(self, rows: np.ndarray) -> np.ndarray:
+        """Control steps until the next oracle query, shape (n,), int: the horizon, or the length of a timed mode."""
+        if not self.timed:
+            assert self.task.horizon is not None
+            return np.full(len(rows), self.task.horizon)
+        ends = self.spans[rows, self._span_count[rows] - 1, END]
+        return np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
+
+    def state(self) -> tuple[dict[str, np.ndarray], list[Any]]:
+        """Everything laid so far: arrays, and the modes as plain data."""
+        arrays = {f"course.{name}": getattr(self, name).copy() for name in self._arrays()}
+        return arrays, [[[call.name, call.parameters] for call in calls] for calls in self.modes]
+
+    def set_state(self, arrays: dict[str, np.ndarray], modes: list[Any]) -> None:
+        """Go on where :meth:`state` was taken.
+
+        :raises ValueError: if the state is of another task or number of environments
+        """
+        for name in self._arrays():
+            saved = arrays.get(f"course.{name}")
+            if saved is None or saved.shape != getattr(self, name).shape:
+                raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
+            getattr(self, name)[...] = saved
+        self.modes = [[ModeCall(name, parameters) for name, parameters in calls] for calls in modes]
+
+    @staticmethod
+    def _arrays() -> tuple[str, ...]:
+        return ("terrain", "spans", "_span_count", "_laid", "_mode_count")
+
+    def _next_mode(self, row: int, rng: np.random.Generator, level: float) -> ModeCall:
+        """The next mode of the variant; behind the end of the track, flat ground."""
+        length = self.task.track.length
+        if length is not None and not self.timed and self._laid[row] >= length:
+            speed = float(self.spans[row, self._span_count[row] - 1, VX])
+            return ModeCall("pace", {"v": speed, "length": 1.0})
+        return self._sampler.draw(rng, int(self._mode_count[row]), level)
+
+    def _place(self, row: int, plateaus: list[Plateau], keep_from: float) -> None:
+        boxes = [plateau.box(self._laid[row], 0.5 * self.task.track.width) for plateau in plateaus]
+        if not place(self.terrain, row, boxes, keep_from):
+            raise ValueError(
+                f"{self.task.file}: 'track.boxes' is {self.task.track.boxes}, too few for the terrain around a robot; "
+                "raise it, or make the modes longer."
+            )
+
+    def _add_spans(self, row: int, new: list[tuple[float, ...]], keep_from: float) -> None:
+        old = self.spans[row, : 0 if self.timed else self._span_count[row]]
+        spans = np.concatenate([old[old[:, END] > keep_from], np.array(new)])
+        spans[:, END] = np.maximum.accumulate(spans[:, END])
+        if len(spans) >= MAX_SPANS:
+            raise ValueError(
+                f"{self.task.file}: 'modes' are too short: over {MAX_SPANS} set-point spans around a robot."
+            )
+        self.spans[row, : len(spans)] = spans
+        self.spans[row, len(spans) :] = hold_row(spans[-1])
+        self._span_count[row] = len(spans)
+
+
+def _extent(task: TaskConfig) -> tuple[bool, float, int]:
+    """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
+    ranges = dict(task.mode_ranges)
+    corners = list(corner_segments(ranges))
+    if task.curriculum is not None:
+        corners += corner_segments({m: {**ranges[m], **r} for m, r in task.curriculum.modes.items()})
+    timed = {segment.timed for segment in corners}
+    if len(timed) > 1:
+        raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")
+    if timed == {True}:
+        if task.horizon is not None:
+            raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
+        if task.sampling.order != "sequence":
+            raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
+        return True, 0.0, max(round(s.spans[-1].end / task.control_dt) for s in corners) + 1
+    if task.horizon is None:
+        raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
+    if any(s.length <= 0 for s in corners):
+        raise ValueError(f"{task.file}: 'modes' has a mode that takes no length of the track.")
+    speeds = [span.velocity[0] for s in corners for span in s.spans]
+    if min(speeds) < 0:
+        raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
+    ahead = max(speeds) * task.horizon * task.control_dt + 0.3
+    scan = task.observations.get("height_scan") or {}
+    seen = scan.get("points", 0) * scan.get("spacing", 0.0)
+    return False, max(REACH, ahead, seen), task.horizon

@@ -1,0 +1,118 @@
+"""What a training needs beside its task: hyper-parameters, sizes, threads, and the versions its numbers depend on."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from typing import Any
+
+from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.schema import Where, read, read_yaml
+
+RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
+DEFAULTS = PACKAGE / "conf" / "train.yaml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOConfig:
+    """Hyper-parameters of RecurrentPPO, by sb3-contrib's names, and the size of the network."""
+
+    n_steps: int
+    """control steps of each environment in a rollout"""
+    batch_size: int
+    """samples of a minibatch"""
+    n_epochs: int
+    """passes over a rollout"""
+    learning_rate: float
+    """of Adam"""
+    gamma: float
+    """discount factor"""
+    gae_lambda: float
+    """of generalised advantage estimation"""
+    clip_range: float
+    """of the probability ratio"""
+    target_kl: float | None
+    """an update stops early beyond 1.5 times this; null: never"""
+    ent_coef: float
+    """weight of the entropy bonus"""
+    vf_coef: float
+    """weight of the value loss"""
+    max_grad_norm: float
+    """gradients are clipped to this norm"""
+    chunk_length: int | None
+    """steps of back-propagation through time; null: whole sequences, with the gradients of sb3-contrib"""
+    lstm_hidden_size: int
+    """of actor and critic"""
+    n_lstm_layers: int
+    """of actor and critic"""
+
+    def __post_init__(self) -> None:
+        for name in ("n_steps", "batch_size", "n_epochs", "lstm_hidden_size", "n_lstm_layers"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.chunk_length is not None and self.chunk_length < 1:
+            raise ValueError(f"'chunk_length' must be at least 1 or null, found {self.chunk_length}.")
+        if self.learning_rate <= 0:
+            raise ValueError(f"'learning_rate' must be above 0, found {self.learning_rate:g}.")
+
+    def settings(self) -> dict[str, Any]:
+        """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
+        values = asdict(self)
+        del values["lstm_hidden_size"], values["n_lstm_layers"]
+        return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Everything about a run but its task."""
+
+    seed: int
+    """of the networks; environment i is seeded with seed + i"""
+    total_timesteps: int
+    """samples of the whole run"""
+    num_envs: int
+    """environments stepped together"""
+    checkpoint_interval: int
+    """samples between checkpoints"""
+    keep_checkpoints: int
+    """how many are kept, beside the best policy"""
+    torch_threads: str | int
+    """auto: one for each CPU"""
+    physics_threads: str | int
+    """auto: one for each CPU"""
+    ppo: PPOConfig
+    """the learner"""
+
+    def __post_init__(self) -> None:
+        for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.seed < 0:
+            raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
+        for name in ("torch_threads", "physics_threads"):
+            setting = getattr(self, name)
+            if setting != "auto" and not (isinstance(setting, int) and setting >= 1):
+                raise ValueError(f"'{name}' must be auto or a whole number of at least 1, found {setting!r}.")
+
+
+def default_ppo() -> PPOConfig:
+    """The hyper-parameters ``ogmp-train`` uses."""
+    return read(PPOConfig, read_yaml(DEFAULTS)["ppo"], Where(str(DEFAULTS), "ppo"))
+
+
+def thread_count(setting: str | int) -> int:
+    """A number of threads, ``auto`` meaning one for each CPU this process may use."""
+    return len(os.sched_getaffinity(0)) if setting == "auto" else int(setting)
+
+
+def versions() -> dict[str, str]:
+    """What a run's numbers depend on."""
+    found = {}
+    for name in RECORDED:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return {"python": platform.python_version(), "machine": platform.machine(), **found}
