@@ -70,7 +70,7 @@ class OgmpVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         result = self.batch.step(self._actions)
-        deviation = np.nan_to_num(result.view.deviation)
+        deviation = result.view.deviation
         self._add(r=result.reward, deviation=deviation, **result.reward_terms)
         dones = result.terminated | result.truncated
         infos: list[dict[str, Any]] = [
@@ -93,12 +93,12 @@ class OgmpVecEnv(VecEnv):
         return observation, result.reward.astype(np.float32), dones, infos
 
     def _x(self) -> np.ndarray:
-        return np.nan_to_num(self.batch.sim.qpos[:, self.batch.sim.base_qpos])
+        return np.nan_to_num(self.batch.sim.qpos[:, self.batch.sim.base_qpos])  # finite also after an explosion
 
     def _add(self, **values: np.ndarray) -> None:
         for name, value in values.items():
             self._sums.setdefault(name, np.zeros(self.num_envs))
-            self._sums[name] += np.nan_to_num(value)  # a simulation that exploded counts for nothing
+            self._sums[name] += value
 
     def _summary(self, row: int, x: float) -> dict[str, Any]:
         length = int(self.batch.step_count[row])

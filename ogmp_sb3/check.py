@@ -14,7 +14,7 @@ from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import Range, TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.plotting import plot_references
-from ogmp_sb3.reference import hold_row, set_points, span_row
+from ogmp_sb3.reference import set_points, span_array, span_row
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, STATE_SIZE
 
@@ -49,9 +49,8 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
         words = [r.words for r in ranges.values() if r.words]
         call = ModeCall(name, {key: _middle(range_) for key, range_ in ranges.items()})
         segment = call.segment()
-        rows = np.array([span_row(span, 0.0) for span in segment.spans])
-        spans = np.vstack([rows, hold_row(rows[-1])])[None]
-        duration = rows[-1, 0] if segment.timed else segment.length / max(segment.spans[0].velocity[0], 1e-9)
+        spans = span_array([span_row(span, 0.0) for span in segment.spans])[None]
+        duration = segment.spans[-1].end if segment.timed else segment.length / max(segment.spans[0].velocity[0], 1e-9)
         steps = np.array([max(1, round(duration / task.control_dt))])
         x0 = np.zeros((1, STATE_SIZE))
         x0[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height

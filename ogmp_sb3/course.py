@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.reference import END, SPAN_SIZE, VX, hold_row, span_row
+from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
 from ogmp_sb3.terrain import Plateau, empty_terrain, place
 
@@ -121,16 +121,13 @@ class Course:
             )
 
     def _add_spans(self, row: int, new: list[tuple[float, ...]], keep_from: float) -> None:
-        old = self.spans[row, : 0 if self.timed else self._span_count[row]]
-        spans = np.concatenate([old[old[:, END] > keep_from], np.array(new)])
-        spans[:, END] = np.maximum.accumulate(spans[:, END])
-        if len(spans) >= MAX_SPANS:
+        used = 0 if self.timed else int(self._span_count[row])
+        count = append_spans(self.spans[row], used, np.array(new), keep_from)
+        if count < 0:
             raise ValueError(
                 f"{self.task.file}: 'modes' are too short: over {MAX_SPANS} set-point spans around a robot."
             )
-        self.spans[row, : len(spans)] = spans
-        self.spans[row, len(spans) :] = hold_row(spans[-1])
-        self._span_count[row] = len(spans)
+        self._span_count[row] = count
 
 
 def _extent(task: TaskConfig) -> tuple[bool, float, int]:

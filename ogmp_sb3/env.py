@@ -170,7 +170,11 @@ class BatchEnv:
         termination = self._end(view, reward)
         self._ended = termination != RUNNING
         terminated = (termination != RUNNING) & (termination != TIME_LIMIT)
-        reward = np.where(np.isfinite(reward), reward, 0.0)
+        exploded = termination == UNSTABLE
+        if exploded.any():
+            reward = np.where(exploded, 0.0, reward)
+            reward_terms = {name: np.where(exploded, 0.0, value) for name, value in reward_terms.items()}
+            view = replace(view, deviation=np.where(exploded, 0.0, view.deviation))
 
         alive = np.flatnonzero(~terminated)
         self._lay_ahead(alive)
@@ -270,7 +274,9 @@ class BatchEnv:
 
     def _observe(self, view: EnvView) -> np.ndarray:
         value, scale = self._signals(view)
-        return np.nan_to_num(np.clip(value, -CLIP * scale, CLIP * scale)).astype(np.float32)
+        observation = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
+        observation[~np.isfinite(observation)] = 0.0  # of a simulation that exploded
+        return observation
 
     def _update_levels(self, rows: np.ndarray) -> None:
         curriculum = self.task.curriculum

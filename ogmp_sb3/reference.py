@@ -7,15 +7,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from ogmp_sb3.definitions import GaitConfig
 from ogmp_sb3.modes import Contact, Span
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
+from ogmp_sb3.srb import GRAVITY, OMEGA, POS, STATE_SIZE, VEL
 
 # Columns of a span array: spans of many environments as numbers.
 END, VX, VY, GROUND0, GROUND1, CONTACT, APEX, WX0, WY0, WX1, WY1 = range(11)
 SPAN_SIZE = 11
+HOP, STANCE, FLIGHT = float(Contact.HOP), float(Contact.STANCE), float(Contact.FLIGHT)
+X, ROLL_RATE, XD = POS.start, OMEGA.start, VEL.start  # columns of the state, as the compiled code sees them
 FOREVER = 1e9  # m or s: the end of a span without end
 HOP_STRETCH = 1.4  # a hop longer than this many nominal cycles is cut in two (released code: 0.35 s / 0.25 s)
 
@@ -57,13 +60,43 @@ def span_row(span: Span, offset: float) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def hold_row(last: np.ndarray) -> np.ndarray:
-    """The span that goes on where another one ends, with its last height, rates and velocity, for ever."""
-    held = last.copy()
-    held[END] = FOREVER
-    held[[GROUND0, WX0, WY0]] = last[[GROUND1, WX1, WY1]]
-    held[APEX] = 0.0
-    return held
+def span_array(rows: list[tuple[float, ...]]) -> np.ndarray:
+    """Spans of one environment, the last one held for ever, shape (spans + 1, SPAN_SIZE)."""
+    spans = np.zeros((len(rows) + 1, SPAN_SIZE))
+    append_spans(spans, 0, np.array(rows), -FOREVER)
+    return spans
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
+    """Add spans to one environment's, in place, and hold the last; spans that end behind ``keep_from`` go.
+
+    A span that would end before the one in front of it ends with it.
+
+    :param spans: shape (spans, SPAN_SIZE)
+    :param count: how many of them are in use, without the held one
+    :param new: shape (n, SPAN_SIZE)
+    :param keep_from: m along the track
+    :return: how many are in use now, or -1 if there is no room
+    """
+    kept = 0
+    for i in range(count):
+        if spans[i, END] > keep_from:
+            spans[kept] = spans[i]
+            kept += 1
+    if kept + len(new) >= len(spans):
+        return -1
+    for row in new:
+        spans[kept] = row
+        if kept > 0:
+            spans[kept, END] = max(spans[kept, END], spans[kept - 1, END])
+        kept += 1
+    for i in range(kept, len(spans)):
+        spans[i] = spans[kept - 1]
+        spans[i, END] = FOREVER
+        spans[i, GROUND0], spans[i, WX0], spans[i, WY0] = spans[i, GROUND1], spans[i, WX1], spans[i, WY1]
+        spans[i, APEX] = 0.0
+    return kept
 
 
 def set_points(
@@ -76,7 +109,7 @@ def set_points(
 ) -> SetPoints:
     """Lay the set-points of the coming spans out in time, from the robot's present place.
 
-    :param spans: shape (rows, spans, SPAN_SIZE), in order, the last one without end (:func:`hold_row`); ends are m
+    :param spans: shape (rows, spans, SPAN_SIZE), in order, the last one without end (:func:`span_array`); ends are m
         along the track or, in timed rows, s from now
     :param timed: which rows are timed, shape (rows,), bool
     :param x0: state at the query, shape (rows, 12)
@@ -85,97 +118,103 @@ def set_points(
     :param gait: base height and hop cycle
     """
     rows, knots = len(spans), int(steps.max())
-    ends = _end_times(spans, timed, x0[:, POS.start])  # (rows, spans)
-    starts = np.concatenate([np.zeros((rows, 1)), ends[:, :-1]], axis=1)
-
-    time = dt * np.arange(knots + 1)
-    at_knot = _span_index(ends, np.maximum(time, 1e-6))  # what ended before now does not count
-    middle = time[:-1] + 0.5 * dt
-    at_step = _span_index(ends, middle)
-
-    row = np.arange(rows)[:, None]
-    here = spans[row, at_knot]  # (rows, knots + 1, SPAN_SIZE)
-    begin, finish = starts[row, at_knot], ends[row, at_knot]
-    share = np.clip((time - begin) / np.maximum(finish - begin, 1e-9), 0.0, 1.0)
-
     state = np.zeros((rows, knots + 1, STATE_SIZE))
-    step_velocity = spans[row, at_step][..., [VX, VY]]
-    moved = np.concatenate([np.zeros((rows, 1, 2)), np.cumsum(step_velocity * dt, axis=1)], axis=1)
-    state[..., POS.start : POS.start + 2] = moved
-    state[..., POS.start] += x0[:, None, POS.start]
-    # On a track the lateral target is the centre line, in a timed mode the place of the query.
-    state[..., POS.start + 1] += np.where(timed, x0[:, POS.start + 1], 0.0)[:, None]
-    state[..., VEL.start : VEL.start + 2] = here[..., [VX, VY]]
-
-    ground = here[..., GROUND0] + share * (here[..., GROUND1] - here[..., GROUND0])
-    bump = (_apex_left(spans, timed, ends - starts))[row, at_knot] * (1.0 - np.abs(2.0 * share - 1.0))
-    state[..., POS.start + 2] = gait.height + ground + bump
-    state[..., VEL.start + 2] = _vertical_velocity(spans, starts, ends, at_knot, time)
-
-    state[..., OMEGA.start] = here[..., WX0] + share * (here[..., WX1] - here[..., WX0])
-    state[..., OMEGA.start + 1] = here[..., WY0] + share * (here[..., WY1] - here[..., WY0])
-    mean_rate = 0.5 * (state[:, :-1, OMEGA] + state[:, 1:, OMEGA])
-    state[:, 1:, RPY] = np.cumsum(mean_rate * dt, axis=1)
-
-    stance = _stance(spans, starts, ends, at_step, middle, gait.cycle)
-    return SetPoints(state, stance, at_step, np.asarray(steps), blend=gait.cycle / dt)
+    stance, span = np.empty((rows, knots), dtype=np.bool_), np.empty((rows, knots), dtype=np.int64)
+    _fill(spans, timed, x0, dt, gait.height, gait.cycle, state, stance, span)
+    return SetPoints(state, stance, span, np.asarray(steps), blend=gait.cycle / dt)
 
 
-def _end_times(spans: np.ndarray, timed: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """When each span ends, s from now, shape (rows, spans); the last one never does."""
-    previous = np.concatenate([np.full((len(spans), 1), -FOREVER), spans[:, :-1, END]], axis=1)
-    distance = np.maximum(spans[..., END] - np.maximum(previous, x[:, None]), 0.0)
-    speed = np.maximum(spans[..., VX], 1e-9)
-    ends = np.where(timed[:, None], spans[..., END], np.cumsum(distance / speed, axis=1))
-    return np.maximum(ends, 0.0)
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _fill(spans, timed, x0, dt, height, cycle, state, stance, span):  # type: ignore[no-untyped-def]
+    rows, knots = stance.shape
+    count = spans.shape[1]
+    start, end = np.empty(count), np.empty(count)
+    for row in range(rows):
+        _times(spans[row], timed[row], x0[row, X], start, end)
+        x, y = x0[row, X], x0[row, X + 1] if timed[row] else 0.0  # on a track the target is the centre line
+        roll, pitch = 0.0, 0.0
+        at_knot, at_step = 0, 0
+        for k in range(knots + 1):
+            time = dt * k
+            # A knot at the end of a span belongs to it; what ended before now does not count.
+            while at_knot < count - 1 and max(time, 1e-6) > end[at_knot] + 1e-9:
+                at_knot += 1
+            here = spans[row, at_knot]
+            share = min(max((time - start[at_knot]) / max(end[at_knot] - start[at_knot], 1e-9), 0.0), 1.0)
+            knot = state[row, k]
+            knot[ROLL_RATE] = here[WX0] + share * (here[WX1] - here[WX0])
+            knot[ROLL_RATE + 1] = here[WY0] + share * (here[WY1] - here[WY0])
+            if k > 0:
+                roll += 0.5 * dt * (state[row, k - 1, ROLL_RATE] + knot[ROLL_RATE])
+                pitch += 0.5 * dt * (state[row, k - 1, ROLL_RATE + 1] + knot[ROLL_RATE + 1])
+            knot[0], knot[1] = roll, pitch
+            knot[X], knot[X + 1] = x, y
+            knot[XD], knot[XD + 1] = here[VX], here[VY]
+            rise = _apex_left(spans[row], timed[row], at_knot, end[at_knot] - start[at_knot])
+            ground = here[GROUND0] + share * (here[GROUND1] - here[GROUND0])
+            knot[X + 2] = height + ground + rise * (1.0 - abs(2.0 * share - 1.0))
+            knot[XD + 2] = _vertical_velocity(spans[row], start, end, at_knot, time)
+            if k < knots:
+                middle = time + 0.5 * dt
+                while at_step < count - 1 and middle > end[at_step] + 1e-9:
+                    at_step += 1
+                span[row, k] = at_step
+                stance[row, k] = _on_ground(spans[row, at_step, CONTACT], start[at_step], end[at_step], middle, cycle)
+                x += spans[row, at_step, VX] * dt
+                y += spans[row, at_step, VY] * dt
 
 
-def _apex_left(spans: np.ndarray, timed: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Rise of the set-points over what is left of each span, shape (rows, spans): that of a shorter flight."""
-    whole = np.diff(spans[..., END], axis=1, prepend=0.0) / np.maximum(spans[..., VX], 1e-9)
-    share = np.where(timed[:, None], 1.0, np.minimum(duration / np.maximum(whole, 1e-9), 1.0))
-    return spans[..., APEX] * share**2
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _times(spans, timed, x, start, end):  # type: ignore[no-untyped-def]
+    """When each span starts and ends, s from now."""
+    now, previous = 0.0, -FOREVER
+    for i in range(len(spans)):
+        start[i] = now
+        if timed:
+            now = spans[i, END]
+        else:
+            now += max(spans[i, END] - max(previous, x), 0.0) / max(spans[i, VX], 1e-9)
+            previous = spans[i, END]
+        end[i] = now
 
 
-def _span_index(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Which span each time lies in, shape (rows, times)."""
-    # A knot at the end of a span belongs to it; the last span has no end.
-    return (time[None, :, None] > ends[:, None, :-1] + 1e-9).sum(axis=-1)
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _apex_left(spans, timed, i, duration):  # type: ignore[no-untyped-def]
+    """Rise of the set-points over what is left of a span: that of a shorter flight."""
+    if timed or spans[i, APEX] == 0.0:
+        return spans[i, APEX]
+    whole = (spans[i, END] - (spans[i - 1, END] if i > 0 else 0.0)) / max(spans[i, VX], 1e-9)
+    return spans[i, APEX] * min(duration / max(whole, 1e-9), 1.0) ** 2
 
 
-def _vertical_velocity(
-    spans: np.ndarray, starts: np.ndarray, ends: np.ndarray, at_knot: np.ndarray, time: np.ndarray
-) -> np.ndarray:
-    """Vertical velocity set-points: the lift-off velocity of the coming flight, then ballistic; 0 elsewhere.
-
-    A flight of duration t that ends dh higher starts with g t / 2 + dh / t.
-    """
-    flight = spans[..., CONTACT] == Contact.FLIGHT
-    duration = np.maximum(ends - starts, 1e-9)
-    rise = spans[..., GROUND1] - spans[..., GROUND0]
-    lift_off = np.where(
-        flight & (ends > starts) & (spans[..., END] < FOREVER), 0.5 * GRAVITY * duration + rise / duration, 0.0
-    )
-    upcoming = np.concatenate([lift_off[:, 1:], np.zeros((len(spans), 1))], axis=1)
-    # A flight that is held falls on.
-    held = flight & (spans[..., END] >= FOREVER)
-    lift_off[:, 1:] = np.where(held[:, 1:], lift_off[:, :-1], lift_off[:, 1:])
-    since = np.where(held, np.concatenate([starts[:, :1], starts[:, :-1]], axis=1), starts)
-    push_off = np.where(spans[..., CONTACT] == Contact.STANCE, upcoming, 0.0)
-    row = np.arange(len(spans))[:, None]
-    airborne = lift_off[row, at_knot] - GRAVITY * (time - since[row, at_knot])
-    return np.where(flight[row, at_knot], airborne, push_off[row, at_knot])
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _lift_off(spans, start, end, i):  # type: ignore[no-untyped-def]
+    """The velocity that a flight of duration t which ends dh higher starts with, g t / 2 + dh / t; 0 elsewhere."""
+    duration = end[i] - start[i]
+    if spans[i, CONTACT] != FLIGHT or spans[i, END] >= FOREVER or duration <= 0.0:
+        return 0.0
+    return 0.5 * GRAVITY * duration + (spans[i, GROUND1] - spans[i, GROUND0]) / duration
 
 
-def _stance(
-    spans: np.ndarray, starts: np.ndarray, ends: np.ndarray, at_step: np.ndarray, middle: np.ndarray, cycle: float
-) -> np.ndarray:
-    """Whether the feet are on the ground in the middle of each step, shape (rows, knots)."""
-    duration = ends - starts
-    hops = np.maximum(np.round(duration / cycle), 1.0)
-    hops += duration / hops > HOP_STRETCH * cycle
-    rate = np.where(duration > 0, hops / np.maximum(duration, 1e-9), 0.0)  # hops per second
-    row = np.arange(len(spans))[:, None]
-    phase = ((middle - starts[row, at_step]) * rate[row, at_step]) % 1.0
-    contact = spans[row, at_step, CONTACT]
-    return (contact == Contact.STANCE) | ((contact == Contact.HOP) & (phase < 0.5))
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _vertical_velocity(spans, start, end, i, time):  # type: ignore[no-untyped-def]
+    """The lift-off velocity of the coming flight in the stance before it, then ballistic; 0 elsewhere."""
+    if spans[i, CONTACT] == STANCE and i + 1 < len(spans):
+        return _lift_off(spans, start, end, i + 1)
+    if spans[i, CONTACT] == FLIGHT:
+        if spans[i, END] >= FOREVER and i > 0:  # a flight that is held falls on
+            return _lift_off(spans, start, end, i - 1) - GRAVITY * (time - start[i - 1])
+        return _lift_off(spans, start, end, i) - GRAVITY * (time - start[i])
+    return 0.0
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _on_ground(contact, start, end, time, cycle):  # type: ignore[no-untyped-def]
+    """Whether the feet are on the ground at a time within a span."""
+    if contact != HOP:
+        return contact == STANCE
+    duration = max(end - start, 1e-9)
+    hops = max(np.round(duration / cycle), 1.0)
+    if duration / hops > HOP_STRETCH * cycle:
+        hops += 1.0
+    return ((time - start) / duration * hops) % 1.0 < 0.5

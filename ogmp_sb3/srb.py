@@ -74,3 +74,14 @@ def srb_dynamics(srb: SRB, dt: float, mean_rpy: np.ndarray) -> SRBDynamics:
     d[POS.start + 2] = -0.5 * GRAVITY * dt**2
     d[VEL.start + 2] = -GRAVITY * dt
     return SRBDynamics(A, B, d)
+
+
+def srb_axes(srb: SRB, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """An upright body as six double integrators: roll, pitch, yaw, x, y, z.
+
+    :return: the effect of a unit of total moment or force on position and velocity of each axis, shape (6, 2);
+        gravity, shape (12,); and ``dt``
+    """
+    inverse = np.array([1.0 / i for i in srb.inertia] + [1.0 / srb.mass] * 3)
+    dynamics = srb_dynamics(srb, dt, np.zeros(3))
+    return np.stack([0.5 * dt**2 * inverse, dt * inverse], axis=1), dynamics.d, dt

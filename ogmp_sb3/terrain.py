@@ -86,17 +86,27 @@ def place(terrain: np.ndarray, row: int, boxes: list[tuple[float, ...]], keep_fr
     :param keep_from: m along the track
     :return: False if there is no room
     """
-    kept = [tuple(b) for b in terrain[row] if b[TOP] > NOTHING and b[X1] > keep_from]
+    return bool(_place(terrain[row], np.array(boxes), keep_from))
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _place(terrain, boxes, keep_from):  # type: ignore[no-untyped-def]
+    count = 0
+    for box in terrain:
+        if box[TOP] > NOTHING and box[X1] > keep_from:
+            terrain[count] = box
+            count += 1
     for box in boxes:
-        last = kept[-1] if kept else None
-        if last is not None and last[X1] == box[X0] and last[Y0:] == tuple(box[Y0:]):
-            kept[-1] = (last[X0], box[X1], *last[Y0:])
+        last = terrain[count - 1] if count > 0 else box
+        if count > 0 and last[X1] == box[X0] and (last[Y0:] == box[Y0:]).all():
+            last[X1] = box[X1]
         elif box[X1] > box[X0]:
-            kept.append(tuple(box))
-    if len(kept) > terrain.shape[1]:
-        return False
-    terrain[row, : len(kept)] = kept
-    terrain[row, len(kept) :] = (0.0, 0.0, 0.0, 0.0, NOTHING)
+            if count == len(terrain):
+                return False
+            terrain[count] = box
+            count += 1
+    terrain[count:] = 0.0
+    terrain[count:, TOP] = NOTHING
     return True
 
 

@@ -9,7 +9,7 @@ import pytest
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.oracles import ORIENTATION_STEP, Plant, input_weights, state_weights, stationary_gains
-from ogmp_sb3.reference import END, Reference, SetPoints, hold_row, set_points, span_row
+from ogmp_sb3.reference import END, Reference, SetPoints, set_points, span_array, span_row
 from ogmp_sb3.registry import oracles
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import GRAVITY, INPUT_NAMES, OMEGA, POS, RPY, STATE_NAMES, STATE_SIZE, VEL, SRBDynamics, srb_dynamics
@@ -49,9 +49,7 @@ def laid(*calls: ModeCall) -> np.ndarray:
         segment = call.segment()
         rows += [span_row(span, offset) for span in segment.spans]
         offset += segment.length
-    spans = np.array([*rows, hold_row(np.array(rows[-1]))])
-    spans[:, END] = np.maximum.accumulate(spans[:, END])
-    return spans
+    return span_array(rows)
 
 
 def query(task: str, sequences: list[tuple[ModeCall, ...]], x0: np.ndarray, steps: list[int] | None = None) -> Query:

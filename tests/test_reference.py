@@ -5,7 +5,17 @@ import pytest
 
 from ogmp_sb3.definitions import GaitConfig
 from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
-from ogmp_sb3.reference import CONTACT, END, SPAN_SIZE, SetPoints, hold_row, set_points, span_row
+from ogmp_sb3.reference import (
+    CONTACT,
+    END,
+    FOREVER,
+    SPAN_SIZE,
+    SetPoints,
+    append_spans,
+    set_points,
+    span_array,
+    span_row,
+)
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
 
@@ -23,9 +33,7 @@ def laid(*calls: ModeCall) -> np.ndarray:
         segment = call.segment()
         rows += [span_row(span, offset) for span in segment.spans]
         offset += segment.length
-    spans = np.array([*rows, hold_row(np.array(rows[-1]))])
-    spans[:, END] = np.maximum.accumulate(spans[:, END])
-    return spans[None]
+    return span_array(rows)[None]
 
 
 def ask(spans: np.ndarray, steps: int, timed: bool = False, gait: GaitConfig = GAIT, **start: float) -> SetPoints:
@@ -58,9 +66,7 @@ def test_a_span_as_a_row_starts_where_its_mode_starts():
 
 def test_a_hold_goes_on_where_the_last_span_ends():
     last = np.array(span_row(ModeCall("flip", {"r": "back", "h": 1.5}).segment().spans[0], 0.0))
-    before, held = last.copy(), hold_row(last)
-    np.testing.assert_array_equal(last, before)
-    points = ask(np.stack([last, held])[None], 40, timed=True)
+    points = ask(span_array([tuple(last)])[None], 40, timed=True)
     after = np.arange(41) * DT > 0.5 + 1e-9
     np.testing.assert_allclose(points.state[0, after, Z], 1.5 + GAIT.height)
     np.testing.assert_allclose(points.state[0, after, OMEGA.start + 1], last[-1])
@@ -244,3 +250,17 @@ def test_rows_do_not_mix():
         np.testing.assert_allclose(together.state[row, : count + 1], alone.state[0], atol=1e-12)
         np.testing.assert_array_equal(together.stance[row, :count], alone.stance[0])
     assert set(padded[..., CONTACT].ravel()) <= set(Contact)
+
+
+def test_appending_keeps_what_is_ahead_and_never_overwrites_what_does_not_fit():
+    spans = np.zeros((4, SPAN_SIZE))
+    row = np.arange(SPAN_SIZE, dtype=float)
+    new = np.stack([row, row + 100, row + 50])
+    new[:, END] = [1.0, 2.0, 1.5]
+    assert append_spans(spans, 0, new, -1.0) == 3
+    np.testing.assert_array_equal(spans[:3, END], [1.0, 2.0, 2.0])  # none ends before the one in front of it
+    np.testing.assert_array_equal(spans[:3, 1:], new[:, 1:])
+    assert spans[3, END] == FOREVER
+    assert append_spans(spans.copy(), 3, new[:1], 0.5) == -1
+    assert append_spans(spans, 3, np.array([[3.0, *row[1:]]]), 1.0) == 3  # the one that ended at 1.0 made room
+    np.testing.assert_array_equal(spans[:3, END], [2.0, 2.0, 3.0])
