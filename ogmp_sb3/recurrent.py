@@ -5,8 +5,9 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import numpy as np
@@ -140,6 +141,12 @@ class RecurrentPPO(StockRecurrentPPO):
         """As sb3-contrib's, with the values of all time-outs of a step computed in one call."""
         if not self._fast or self.use_sde:
             return super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
+        with _torch_threads(1):  # one step of a small network: more threads only wait for each other
+            return self._collect(env, callback, rollout_buffer, n_rollout_steps)
+
+    def _collect(
+        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+    ) -> bool:
         assert self._last_obs is not None, "No previous observation was provided"
         assert isinstance(rollout_buffer, SequenceBuffer)
         self.policy.set_training_mode(False)
@@ -221,29 +228,36 @@ class RecurrentPPO(StockRecurrentPPO):
         with th.no_grad():
             features = policy.extract_features(buffer.flat["observations"])
         logs: list[dict[str, th.Tensor]] = []
-        go_on, threads = True, th.get_num_threads()
-        side_by_side = threads > 1 and self.device.type == "cpu"
-        if side_by_side:
-            th.set_num_threads(threads // 2)
-        with ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(max(1, threads // 2),)) as pool:
+        side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
+        each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
+        with _torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
             for _ in range(self.n_epochs):
-                for batch in buffer.minibatches(self.batch_size):  # type: ignore[arg-type]
-                    policy.optimizer.zero_grad()
-                    critic = pool.submit(self._critic_gradients, batch, features) if side_by_side else None
-                    log, kl = self._actor_gradients(batch, features, clip_range)
-                    value_loss = critic.result() if critic else self._critic_gradients(batch, features)
-                    logs.append({**log, "value_loss": value_loss})
-                    if self.target_kl is not None and kl > 1.5 * self.target_kl:
-                        go_on = False
-                        break
-                    th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
-                    policy.optimizer.step()
+                go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
                 self._n_updates += 1
                 if not go_on:
                     break
-        if side_by_side:
-            th.set_num_threads(threads)
         self._log_update(logs, clip_range)
+
+    def _train_epoch(
+        self, features: th.Tensor, clip_range: float, pool: Executor | None, logs: list[dict[str, th.Tensor]]
+    ) -> bool:
+        """One pass over the rollout; False if the KL divergence stopped it.
+
+        :param pool: where to update the critic meanwhile; None: here
+        """
+        policy, buffer = self.policy, self.rollout_buffer
+        assert isinstance(buffer, SequenceBuffer)
+        for batch in buffer.minibatches(self.batch_size):  # type: ignore[arg-type]
+            policy.optimizer.zero_grad()
+            critic = pool.submit(self._critic_gradients, batch, features) if pool else None
+            log, kl = self._actor_gradients(batch, features, clip_range)
+            value_loss = critic.result() if critic else self._critic_gradients(batch, features)
+            logs.append({**log, "value_loss": value_loss})
+            if self.target_kl is not None and kl > 1.5 * self.target_kl:
+                return False
+            th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+            policy.optimizer.step()
+        return True
 
     def _actor_gradients(
         self, batch: Minibatch, features: th.Tensor, clip_range: float
@@ -304,6 +318,17 @@ class RecurrentPPO(StockRecurrentPPO):
             self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/clip_range", clip_range)
+
+
+@contextmanager
+def _torch_threads(number: int) -> Iterator[None]:
+    """Use this many torch threads for a while."""
+    before = th.get_num_threads()
+    th.set_num_threads(number)
+    try:
+        yield
+    finally:
+        th.set_num_threads(before)
 
 
 def _lstm_outputs(

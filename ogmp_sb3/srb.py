@@ -9,6 +9,7 @@ affine term ``d``: ``x_{k+1} = A x_k + B u_k + d``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -76,6 +77,7 @@ def srb_dynamics(srb: SRB, dt: float, mean_rpy: np.ndarray) -> SRBDynamics:
     return SRBDynamics(A, B, d)
 
 
+@lru_cache(maxsize=16)
 def srb_axes(srb: SRB, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
     """An upright body as six double integrators: roll, pitch, yaw, x, y, z.
 
