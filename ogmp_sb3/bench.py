@@ -28,6 +28,7 @@ from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
 from ogmp_sb3.checkpoints import policy_kwargs
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.recipe import PPOConfig, default_ppo, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.sim import Simulation
@@ -66,11 +67,11 @@ HELP = cli.usage(
 def bench_sim(config: BenchConfig, task: TaskConfig) -> Numbers:
     """``OgmpVecEnv.step`` against bare physics, against SB3's own vectorisation, and by size."""
     steps = config.steps or 150
-    recording = _record(task, config.num_envs, steps)
+    recording = record(task, config.num_envs, steps)
     whole, bare = [], []
     for _ in range(config.repeats):
         whole.append(_time_recording(task, recording))
-        bare.append(_time_bare(task, recording))
+        bare.append(_seconds(bare_replay(task, recording)[1]))
     found = {
         "sim_over_bare_physics": _median(bare) / _median(whole),
         "steps_per_second": config.num_envs * steps / _median(whole),
@@ -107,7 +108,8 @@ def _actions(task: TaskConfig, steps: int, num_envs: int) -> np.ndarray:
     return (task.action.noise / task.action.scale * np.random.default_rng(0).standard_normal(size)).astype(np.float32)
 
 
-def _record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
+def record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
+    """Run an untrained policy and write down what physics saw."""
     env = OgmpVecEnv(task, num_envs, seed=0)
     env.reset()
     recording = Recording(_actions(task, steps, num_envs), [], [])
@@ -129,14 +131,14 @@ def _time_recording(task: TaskConfig, recording: Recording) -> float:
     return _seconds(lambda: [env.step(action) for action in recording.actions])
 
 
-def _time_bare(task: TaskConfig, recording: Recording) -> float:
-    """The same physics and nothing else: the recorded controls, resets and terrain."""
-    reference = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
+def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Callable[[], None]]:
+    """The same physics and nothing else: a simulation, and what replays the recorded controls, resets and terrain."""
+    reference = BatchEnv(task, recording.actions.shape[1], seed=0)
     reference.reset()
-    start, terrain = reference.batch.sim.batch.state.copy(), reference.batch.terrain.copy()
-    sim = Simulation(task.robot_config, len(start), task.physics_dt, task.track.boxes, 0)
-    sim.batch.state[:] = start
-    sim.set_terrain(np.arange(len(start)), terrain)
+    every = np.arange(reference.num_envs)
+    sim = Simulation(task.robot_config, len(every), task.physics_dt, task.track.boxes, 0)
+    sim.batch.state[:] = reference.sim.batch.state
+    sim.set_terrain(every, reference.terrain)
     nominal = np.array(task.robot_config.nominal_joints)
     targets = nominal + task.action.scale * np.clip(recording.actions, -1.0, 1.0)
 
@@ -151,7 +153,7 @@ def _time_bare(task: TaskConfig, recording: Recording) -> float:
                     sim.set_terrain(changed, ground)
             sim.batch.state[rows] = states
 
-    return _seconds(replay)
+    return sim, replay
 
 
 def _shares(task: TaskConfig, recording: Recording) -> Numbers:

@@ -1,0 +1,38 @@
+"""The comparisons must compare like with like; how fast things are is no test."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ogmp_sb3 import bench
+from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.config import load_task
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive"])
+def test_the_bare_replay_is_the_same_physics_bit_for_bit(name: str) -> None:
+    task = load_task(name, {"episode_steps": 15})
+    recording = bench.record(task, num_envs=3, steps=40)
+    assert sum(len(rows) for rows, _, _ in recording.resets) > 3
+    env = OgmpVecEnv(task, 3, seed=0)
+    env.reset()
+    for action in recording.actions:
+        env.step(action)
+    sim, replay = bench.bare_replay(task, recording)
+    replay()
+    np.testing.assert_array_equal(sim.batch.state, env.batch.sim.batch.state)
+
+
+def test_shares_of_a_step_are_parts_of_a_whole() -> None:
+    task = load_task("parkour")
+    shares = bench._shares(task, bench.record(task, num_envs=4, steps=30))
+    assert set(shares) == {"share_physics", "share_oracle", "share_observation", "share_reward", "share_reset"}
+    assert all(0 < share < 1 for share in shares.values())
+
+
+def test_learners_are_compared_on_full_rollouts(monkeypatch) -> None:
+    config = bench.BenchConfig(what="learner", num_envs=2, repeats=1)
+    numbers = bench.bench_learner(config, load_task("parkour"))
+    assert numbers["learner_exact_over_stock"] > 0
+    assert {"stock_samples_per_second", "exact_samples_per_second", "chunked_samples_per_second"} <= set(numbers)
