@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import torch as th
@@ -167,11 +169,25 @@ def test_chunks_give_the_log_probabilities_and_values_of_the_rollout(env, chunk_
                 th.testing.assert_close(log_prob, buffer.flat["log_probs"][batch.order], atol=1e-4, rtol=0)
 
 
-def test_padding_is_never_more_than_half() -> None:
-    lengths = np.arange(1, 129)
-    padded = sequences._padded_lengths(lengths)
-    assert (padded >= lengths).all()
-    assert (padded <= np.maximum(2 * lengths, 2)).all()
+def test_sequences_are_padded_to_lengths_that_cost_least_together() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        lengths = rng.integers(1, 9, size=rng.integers(1, 12))
+        padded = sequences.padded_lengths(lengths)
+        assert (padded >= lengths).all()
+
+        def cost(padded: np.ndarray) -> float:
+            return sum(t * (sequences.STEP_COST + (padded == t).sum()) for t in np.unique(padded))
+
+        values = np.unique(lengths)
+        choices = [
+            ends
+            for size in range(1, len(values) + 1)
+            for ends in itertools.combinations(values, size)
+            if ends[-1] == values[-1]
+        ]
+        best = min(cost(np.array(ends)[np.searchsorted(ends, lengths)]) for ends in choices)
+        assert cost(padded) == pytest.approx(best)
 
 
 def test_time_outs_are_bootstrapped_as_stock_does_one_by_one(env) -> None:
