@@ -233,6 +233,8 @@ def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chun
     size = env.observation_space.shape[0]  # type: ignore[index]
     scale = batch.observation_scale if batch is not None else np.ones(size)
     network = policy_kwargs(scale, recipe.lstm_hidden_size, recipe.n_lstm_layers, log_std_init=-2.5)
+    if kind is StockRecurrentPPO:
+        del network["optimizer_kwargs"]  # its own: Adam, not fused
     # No early stop, so that all do the recipe's epochs.
     settings["target_kl"] = None
     learner = kind("MlpLstmPolicy", env, seed=0, device="cpu", policy_kwargs=network, **settings, **extra)

@@ -26,6 +26,8 @@ from torch import nn
 
 from ogmp_sb3.sequences import Minibatch, SequenceBuffer
 
+LstmStates = tuple[th.Tensor, th.Tensor]
+
 
 class Normaliser(BaseFeaturesExtractor):
     """Running mean and standard deviation of the observations, kept inside the policy.
@@ -141,11 +143,18 @@ class RecurrentPPO(StockRecurrentPPO):
         """As sb3-contrib's, with the values of all time-outs of a step computed in one call."""
         if not self._fast or self.use_sde:
             return super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
-        with _torch_threads(1):  # one step of a small network: more threads only wait for each other
-            return self._collect(env, callback, rollout_buffer, n_rollout_steps)
+        side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
+        # One step of a small network: more threads than one for each network only wait for each other.
+        with _torch_threads(1), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(1,)) as pool:
+            return self._collect(env, callback, rollout_buffer, n_rollout_steps, pool if side_by_side else None)
 
     def _collect(
-        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+        self,
+        env: VecEnv,
+        callback: BaseCallback,
+        rollout_buffer: RolloutBuffer,
+        n_rollout_steps: int,
+        pool: Executor | None,
     ) -> bool:
         assert self._last_obs is not None, "No previous observation was provided"
         assert isinstance(rollout_buffer, SequenceBuffer)
@@ -155,10 +164,12 @@ class RecurrentPPO(StockRecurrentPPO):
         lstm_states = self._last_lstm_states
 
         for _ in range(n_rollout_steps):
-            with th.inference_mode():
-                observation = th.as_tensor(self._last_obs, device=self.device)
-                starts = th.as_tensor(self._last_episode_starts, dtype=th.float32, device=self.device)
-                actions, values, log_probs, lstm_states = self.policy(observation, lstm_states, starts)
+            starts = th.as_tensor(self._last_episode_starts, dtype=th.float32, device=self.device)
+            features = self._features(self._last_obs)  # type: ignore[arg-type]
+            critic = pool.submit(self._values, features, lstm_states.vf, starts) if pool else None  # type: ignore[union-attr]
+            actions, log_probs, actor_states = self._act(features, lstm_states.pi, starts)  # type: ignore[union-attr]
+            values, critic_states = critic.result() if critic else self._values(features, lstm_states.vf, starts)  # type: ignore[union-attr]
+            lstm_states = RNNStates(actor_states, critic_states)
             actions = actions.cpu().numpy()
             clipped = actions
             if isinstance(self.action_space, spaces.Box):
@@ -183,13 +194,33 @@ class RecurrentPPO(StockRecurrentPPO):
             )
             self._last_obs, self._last_episode_starts, self._last_lstm_states = new_obs, dones, lstm_states  # type: ignore[assignment]
 
-        with th.inference_mode():
-            last = th.as_tensor(new_obs, device=self.device)
-            starts = th.as_tensor(dones, dtype=th.float32, device=self.device)
-            values = self.policy.predict_values(last, lstm_states.vf, starts)  # type: ignore[union-attr,call-arg,arg-type]
+        starts = th.as_tensor(dones, dtype=th.float32, device=self.device)
+        values, _ = self._values(self._features(new_obs), lstm_states.vf, starts)  # type: ignore[union-attr,arg-type]
         rollout_buffer.compute_returns_and_advantage(last_values=values, dones=dones)
         callback.on_rollout_end()
         return True
+
+    @th.inference_mode()
+    def _features(self, observation: np.ndarray) -> th.Tensor:
+        return self.policy.extract_features(th.as_tensor(observation, device=self.device))  # type: ignore[return-value]
+
+    @th.inference_mode()
+    def _act(
+        self, features: th.Tensor, states: LstmStates, starts: th.Tensor
+    ) -> tuple[th.Tensor, th.Tensor, LstmStates]:
+        """Sampled actions, their log probabilities, and the actor's next states."""
+        policy: Any = self.policy
+        latent, states = policy._process_sequence(features, states, starts, policy.lstm_actor)
+        distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))
+        actions = distribution.get_actions()
+        return actions.reshape((-1, *self.action_space.shape)), distribution.log_prob(actions), states  # type: ignore[misc]
+
+    @th.inference_mode()
+    def _values(self, features: th.Tensor, states: LstmStates, starts: th.Tensor) -> tuple[th.Tensor, LstmStates]:
+        """Values, and the critic's next states."""
+        policy: Any = self.policy
+        latent, states = policy._process_sequence(features, states, starts, policy.lstm_critic)
+        return policy.value_net(policy.mlp_extractor.forward_critic(latent)), states
 
     def _bootstrap_time_outs(
         self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]], lstm_states: RNNStates
@@ -201,10 +232,9 @@ class RecurrentPPO(StockRecurrentPPO):
         rows = [i for i in np.flatnonzero(dones) if infos[i].get("TimeLimit.truncated", False)]
         if not rows:
             return
-        terminal = th.as_tensor(np.stack([infos[i]["terminal_observation"] for i in rows]), device=self.device)
-        states = tuple(state[:, rows].contiguous() for state in lstm_states.vf)
-        with th.inference_mode():
-            values = self.policy.predict_values(terminal, states, th.zeros(len(rows), device=self.device))  # type: ignore[call-arg,arg-type]
+        terminal = self._features(np.stack([infos[i]["terminal_observation"] for i in rows]))
+        states = lstm_states.vf[0][:, rows].contiguous(), lstm_states.vf[1][:, rows].contiguous()
+        values, _ = self._values(terminal, states, th.zeros(len(rows), device=self.device))
         rewards[rows] += self.gamma * values.flatten().cpu().numpy()
 
     def train(self) -> None:
