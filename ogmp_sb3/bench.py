@@ -25,7 +25,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from ogmp_sb3 import cli
 from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
-from ogmp_sb3.checkpoints import policy_kwargs
+from ogmp_sb3.bench_physics import bench_physics
+from ogmp_sb3.checkpoints import load_policy, policy_kwargs
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
@@ -41,11 +42,14 @@ Numbers = dict[str, float]
 class BenchConfig:
     """Keys of the command line."""
 
-    what: Literal["sim", "learner", "train"] = cli.option("sim, learner or train; the key may be left out")
+    what: Literal["sim", "learner", "train", "physics"] = cli.option(
+        "sim, learner, train or physics; the key may be left out"
+    )
     task: str = cli.option("a shipped task or the path of a YAML file", "parkour")
     num_envs: int = cli.option("environments of the comparison", 64)
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
+    run: str | None = cli.option("physics: the policy whose motions are replayed; null: exploration noise", None)
     json: str | None = cli.option("file for the numbers", None)
 
     def __post_init__(self) -> None:
@@ -59,7 +63,12 @@ class BenchConfig:
 HELP = cli.usage(
     PROGRAM,
     "measure speed as ratios within one run, medians over repeats.",
-    ["ogmp-bench sim", "ogmp-bench learner json=learner.json", "ogmp-bench train steps=8192 repeats=3"],
+    [
+        "ogmp-bench sim",
+        "ogmp-bench learner json=learner.json",
+        "ogmp-bench train steps=8192 repeats=3",
+        "ogmp-bench physics run=runs/parkour/2026-01-31_12-00-00",
+    ],
     BenchConfig,
 )
 
@@ -281,6 +290,11 @@ def _memory_per_env(task: TaskConfig) -> float:
     return grown / 1024
 
 
+def _bench_physics(config: BenchConfig, task: TaskConfig) -> Numbers:
+    policy = load_policy(config.run).policy if config.run else None
+    return bench_physics(task, policy, config.num_envs, config.repeats)
+
+
 def _seconds(body: Callable[[], Any]) -> float:
     gc.collect()
     begin = time.perf_counter()
@@ -297,7 +311,7 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     task = load_task(config.task, overrides)
     th.set_num_threads(os.cpu_count() or 1)
-    body = {"sim": bench_sim, "learner": bench_learner, "train": bench_train}[config.what]
+    body = {"sim": bench_sim, "learner": bench_learner, "train": bench_train, "physics": _bench_physics}[config.what]
     numbers = body(config, task)
     table = Table(title=f"{PROGRAM} {config.what}, {platform.processor() or platform.machine()}", title_justify="left")
     table.add_column("what")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ogmp_sb3 import bench
+from ogmp_sb3 import bench, bench_physics
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import load_task
 
@@ -36,3 +36,30 @@ def test_learners_are_compared_on_full_rollouts(monkeypatch) -> None:
     numbers = bench.bench_learner(config, load_task("parkour"))
     assert numbers["learner_exact_over_stock"] > 0
     assert {"stock_samples_per_second", "exact_samples_per_second", "chunked_samples_per_second"} <= set(numbers)
+
+
+def test_a_replay_at_the_task_s_own_step_ends_where_the_run_did() -> None:
+    task = load_task("parkour")
+    windows = bench_physics.record_windows(task, None, num_envs=4)
+    assert len(windows) == bench_physics.WINDOWS
+    sim = bench.Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, 1)
+    window = windows[0]
+    sim.set_terrain(np.array([0]), window.terrain[None])
+    sim.batch.state[0] = window.state
+    sim.batch.bind("qacc_warmstart")[:] = 0.0
+    for ctrl in window.ctrl:
+        sim.ctrl[:] = ctrl
+        sim.step(None, task.substeps)
+    (outcome,) = bench_physics.replay(task, [window], task.physics_dt)
+    np.testing.assert_allclose(outcome.base_pos, sim.qpos[0, :3], atol=1e-6)
+
+
+def test_half_the_step_strays_less_from_the_reference() -> None:
+    task = load_task("parkour")
+    windows = bench_physics.record_windows(task, None, num_envs=4)[:8]
+    reference, fine, coarse = (bench_physics.replay(task, windows, dt) for dt in (0.0005, 0.001, 0.005))
+
+    def error(outcomes: list[bench_physics.Outcome]) -> float:
+        return np.median([np.linalg.norm(a.base_pos - b.base_pos) for a, b in zip(outcomes, reference, strict=True)])
+
+    assert error(fine) < error(coarse)

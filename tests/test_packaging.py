@@ -38,7 +38,7 @@ LAYERS = (
     {"checkpoints"},
     {"recipe"},
     {"plotting", "logs", "cli", "episodes"},
-    {"train", "evaluate", "check", "bench"},
+    {"train", "evaluate", "check", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 
