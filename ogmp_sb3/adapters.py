@@ -84,7 +84,7 @@ class OgmpVecEnv(VecEnv):
             for row in rows:
                 infos[row]["terminal_observation"] = observation[row].copy()
                 infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
-                infos[row]["episode"] = self._summary(row, float(x[row]))
+                infos[row]["episode"] = self._summary(int(row), float(x[row]))
             for sums in self._sums.values():
                 sums[rows] = 0.0
             observation = observation.copy()

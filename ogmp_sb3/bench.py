@@ -30,6 +30,7 @@ from ogmp_sb3.checkpoints import load_policy, policy_kwargs
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.plotting import plot_throughput
 from ogmp_sb3.recipe import PPOConfig, default_ppo, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.sim import Simulation
@@ -50,7 +51,7 @@ class BenchConfig:
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
     run: str | None = cli.option("physics: the policy whose motions are replayed; null: exploration noise", None)
-    json: str | None = cli.option("file for the numbers", None)
+    json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)
 
     def __post_init__(self) -> None:
         for name in ("num_envs", "repeats"):
@@ -200,7 +201,8 @@ def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> fl
 
 
 def _stock_env(kind: type[VecEnv], task: str, number: int) -> VecEnv:
-    return kind([partial(OgmpEnv, task) for _ in range(number)])  # type: ignore[call-arg]
+    makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
+    return kind(makers)
 
 
 def _time_stock(kind: type[VecEnv], task: str, number: int, steps: int) -> float:
@@ -236,8 +238,9 @@ def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
 
 def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chunk_length: int | None) -> Any:
     settings = recipe.settings()
-    settings.pop("chunk_length")
-    extra = {} if kind is StockRecurrentPPO else {"chunk_length": chunk_length}
+    settings["chunk_length"] = chunk_length
+    if kind is StockRecurrentPPO:
+        del settings["chunk_length"]
     batch = env.batch if isinstance(env, OgmpVecEnv) else None
     size = env.observation_space.shape[0]  # type: ignore[index]
     scale = batch.observation_scale if batch is not None else np.ones(size)
@@ -246,7 +249,7 @@ def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chun
         del network["optimizer_kwargs"]  # its own: Adam, not fused
     # No early stop, so that all do the recipe's epochs.
     settings["target_kl"] = None
-    learner = kind("MlpLstmPolicy", env, seed=0, device="cpu", policy_kwargs=network, **settings, **extra)
+    learner = kind("MlpLstmPolicy", env, seed=0, device="cpu", policy_kwargs=network, **settings)
     learner.set_logger(Logger(None, []))
     return learner
 
@@ -322,6 +325,9 @@ def _run(arguments: list[str]) -> None:
     if config.json:
         report = {"config": asdict(config), "numbers": numbers, "cores": os.cpu_count(), "versions": versions()}
         Path(config.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
+        if any("per_second" in name for name in numbers):
+            title = f"{PROGRAM} {config.what}, {os.cpu_count()} cores"
+            plot_throughput(title, numbers, Path(config.json).with_suffix(".png"))
 
 
 def main() -> None:

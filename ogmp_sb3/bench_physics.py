@@ -10,7 +10,7 @@ import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.recurrent import LstmPolicy
+from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.sim import Simulation, build_model
 from ogmp_sb3.terrain import geom_boxes
 

@@ -29,7 +29,8 @@ from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import PACKAGE, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP
-from ogmp_sb3.recurrent import LstmPolicy, Normaliser, RecurrentPPO
+from ogmp_sb3.policy import LstmPolicy, Normaliser
+from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.registry import did_you_mean
 
 FORMAT = 1

@@ -9,7 +9,7 @@ import numpy as np
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.metrics import EpisodeRecord
-from ogmp_sb3.recurrent import LstmPolicy
+from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.srb import POS, VEL
 from ogmp_sb3.view import EnvView
 

@@ -85,3 +85,21 @@ def plot_learning_curves(runs: dict[str, Path], path: Path, smooth: int = 5) -> 
     panels[0].legend(fontsize="small")
     figure.savefig(path, dpi=120)
     plt.close(figure)
+
+
+def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
+    """Bars of all rates (``..._per_second...``) of a benchmark, its ratios (``..._over_...``) in the title.
+
+    :param numbers: name -> value
+    :param path: picture to write
+    """
+    rates = {name: value for name, value in numbers.items() if "per_second" in name}
+    ratios = [f"{name} {value:.2f}" for name, value in numbers.items() if "_over_" in name]
+    figure, axes = plt.subplots(figsize=(8, 0.6 + 0.35 * len(rates)), layout="constrained")
+    bars = axes.barh(list(rates), list(rates.values()), color=COLOURS["lqr"])
+    axes.bar_label(bars, fmt="{:,.0f}", padding=3)
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    axes.set(xlabel="per second", title="\n".join([title, *ratios]))
+    figure.savefig(path, dpi=120)
+    plt.close(figure)

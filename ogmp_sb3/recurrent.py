@@ -5,7 +5,7 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, ClassVar
@@ -14,87 +14,16 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
-from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from ogmp_sb3.policy import LstmPolicy, LstmStates, Normaliser
 from ogmp_sb3.sequences import Minibatch, SequenceBuffer
-
-LstmStates = tuple[th.Tensor, th.Tensor]
-
-
-class Normaliser(BaseFeaturesExtractor):
-    """Running mean and standard deviation of the observations, kept inside the policy.
-
-    It starts at mean 0 and the given scale, and never divides by less than the scale: terrain heights that hardly
-    vary in early training must not blow up when a block comes into sight.
-
-    :param observation_space: a flat box
-    :param scale: typical size of each component, in its unit; None: 1e-2 each
-    :param clip: normalised observations are clipped to this
-    """
-
-    mean: th.Tensor
-    variance: th.Tensor
-    count: th.Tensor
-    floor: th.Tensor
-
-    def __init__(self, observation_space: spaces.Box, scale: Sequence[float] | None = None, clip: float = 10.0) -> None:
-        size = int(np.prod(observation_space.shape))
-        super().__init__(observation_space, size)
-        floor = th.full((size,), 1e-2) if scale is None else th.as_tensor(scale, dtype=th.float32)
-        self.register_buffer("mean", th.zeros(size))
-        self.register_buffer("variance", floor**2)
-        self.register_buffer("count", th.zeros(()))
-        self.register_buffer("floor", floor)
-        self.clip = clip
-
-    def forward(self, observations: th.Tensor) -> th.Tensor:
-        std = th.maximum(self.variance.sqrt(), self.floor)
-        return ((observations.flatten(1) - self.mean) / std).clamp(-self.clip, self.clip)
-
-    def update(self, observations: th.Tensor) -> None:
-        """Take a batch of observations into the statistics (Chan et al. 1979), shape (n, size)."""
-        n, total = len(observations), self.count + len(observations)
-        delta = observations.mean(dim=0) - self.mean
-        variance = observations.var(dim=0, unbiased=False)
-        self.variance.copy_((self.count * self.variance + n * variance + delta**2 * self.count * n / total) / total)
-        self.mean.add_(delta * n / total)
-        self.count.copy_(total)
-
-
-class LstmPolicy(RecurrentActorCriticPolicy):
-    """``MlpLstmPolicy`` whose LSTM runs once over a batch of sequences.
-
-    sb3-contrib steps through time in Python whenever a minibatch holds an episode start. But its sequences are cut
-    at episode starts, so a start can only be their first step: zeroing the initial state of those sequences and
-    calling the LSTM once is exact.
-    """
-
-    @staticmethod
-    def _process_sequence(
-        features: th.Tensor,
-        lstm_states: tuple[th.Tensor, th.Tensor],
-        episode_starts: th.Tensor,
-        lstm: nn.LSTM,
-    ) -> tuple[th.Tensor, tuple[th.Tensor, th.Tensor]]:
-        sequences = lstm_states[0].shape[1]
-        starts = episode_starts.reshape(sequences, -1)
-        length = starts.shape[1]
-        if length > 1 and bool((starts[:, 1:] != 0).any()):
-            return RecurrentActorCriticPolicy._process_sequence(  # type: ignore[return-value]
-                features, lstm_states, episode_starts, lstm
-            )
-        keep = (1.0 - starts[:, 0]).view(1, sequences, 1)
-        inputs = features.reshape(sequences, length, lstm.input_size).transpose(0, 1)
-        output, states = lstm(inputs, (lstm_states[0] * keep, lstm_states[1] * keep))
-        return output.transpose(0, 1).flatten(0, 1), states
 
 
 class RecurrentPPO(StockRecurrentPPO):
@@ -112,6 +41,15 @@ class RecurrentPPO(StockRecurrentPPO):
         **StockRecurrentPPO.policy_aliases,
         "MlpLstmPolicy": LstmPolicy,
     }
+    # SB3 declares these wider than they are here.
+    policy: Any
+    rollout_buffer: Any
+    clip_range: Any
+    clip_range_vf: Any
+    batch_size: Any
+    _last_obs: Any
+    _last_episode_starts: Any
+    _last_lstm_states: Any
 
     def __init__(self, *args: Any, chunk_length: int | None = None, **kwargs: Any) -> None:
         self.chunk_length = chunk_length
@@ -123,6 +61,7 @@ class RecurrentPPO(StockRecurrentPPO):
             isinstance(self.policy, LstmPolicy)
             and self.policy.lstm_critic is not None
             and isinstance(self.observation_space, spaces.Box)
+            and not self.use_sde
             and not any(p.requires_grad for p in self.policy.features_extractor.parameters())
         )
         if self._fast:
@@ -141,7 +80,7 @@ class RecurrentPPO(StockRecurrentPPO):
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
         """As sb3-contrib's, with the values of all time-outs of a step computed in one call."""
-        if not self._fast or self.use_sde:
+        if not self._fast:
             return super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         # One step of a small network: more threads than one for each network only wait for each other.
@@ -165,12 +104,12 @@ class RecurrentPPO(StockRecurrentPPO):
 
         for _ in range(n_rollout_steps):
             starts = th.as_tensor(self._last_episode_starts, dtype=th.float32, device=self.device)
-            features = self._features(self._last_obs)  # type: ignore[arg-type]
-            critic = pool.submit(self._values, features, lstm_states.vf, starts) if pool else None  # type: ignore[union-attr]
-            actions, log_probs, actor_states = self._act(features, lstm_states.pi, starts)  # type: ignore[union-attr]
-            values, critic_states = critic.result() if critic else self._values(features, lstm_states.vf, starts)  # type: ignore[union-attr]
+            features = self._features(self._last_obs)
+            critic = pool.submit(self._values, features, lstm_states.vf, starts) if pool else None
+            sampled, log_probs, actor_states = self._act(features, lstm_states.pi, starts)
+            values, critic_states = critic.result() if critic else self._values(features, lstm_states.vf, starts)
             lstm_states = RNNStates(actor_states, critic_states)
-            actions = actions.cpu().numpy()
+            actions = sampled.cpu().numpy()
             clipped = actions
             if isinstance(self.action_space, spaces.Box):
                 clipped = np.clip(actions, self.action_space.low, self.action_space.high)
@@ -183,42 +122,42 @@ class RecurrentPPO(StockRecurrentPPO):
             if isinstance(self.action_space, spaces.Discrete):
                 actions = actions.reshape(-1, 1)
             self._bootstrap_time_outs(rewards, dones, infos, lstm_states)
-            rollout_buffer.save_states(self._last_lstm_states)  # type: ignore[arg-type]
+            rollout_buffer.save_states(self._last_lstm_states)
             rollout_buffer.add(
-                self._last_obs,  # type: ignore[arg-type]
+                self._last_obs,
                 actions,
                 rewards,
-                self._last_episode_starts,  # type: ignore[arg-type]
+                self._last_episode_starts,
                 values,
                 log_probs,
             )
-            self._last_obs, self._last_episode_starts, self._last_lstm_states = new_obs, dones, lstm_states  # type: ignore[assignment]
+            self._last_obs, self._last_episode_starts, self._last_lstm_states = new_obs, dones, lstm_states
 
         starts = th.as_tensor(dones, dtype=th.float32, device=self.device)
-        values, _ = self._values(self._features(new_obs), lstm_states.vf, starts)  # type: ignore[union-attr,arg-type]
+        values, _ = self._values(self._features(new_obs), lstm_states.vf, starts)
         rollout_buffer.compute_returns_and_advantage(last_values=values, dones=dones)
         callback.on_rollout_end()
         return True
 
     @th.inference_mode()
-    def _features(self, observation: np.ndarray) -> th.Tensor:
-        return self.policy.extract_features(th.as_tensor(observation, device=self.device))  # type: ignore[return-value]
+    def _features(self, observation: Any) -> Any:
+        return self.policy.extract_features(th.as_tensor(observation, device=self.device))
 
     @th.inference_mode()
     def _act(
         self, features: th.Tensor, states: LstmStates, starts: th.Tensor
     ) -> tuple[th.Tensor, th.Tensor, LstmStates]:
         """Sampled actions, their log probabilities, and the actor's next states."""
-        policy: Any = self.policy
+        policy = self.policy
         latent, states = policy._process_sequence(features, states, starts, policy.lstm_actor)
         distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))
         actions = distribution.get_actions()
-        return actions.reshape((-1, *self.action_space.shape)), distribution.log_prob(actions), states  # type: ignore[misc]
+        return actions.reshape((len(actions), *(self.action_space.shape or ()))), distribution.log_prob(actions), states
 
     @th.inference_mode()
     def _values(self, features: th.Tensor, states: LstmStates, starts: th.Tensor) -> tuple[th.Tensor, LstmStates]:
         """Values, and the critic's next states."""
-        policy: Any = self.policy
+        policy = self.policy
         latent, states = policy._process_sequence(features, states, starts, policy.lstm_critic)
         return policy.value_net(policy.mlp_extractor.forward_critic(latent)), states
 
@@ -229,7 +168,7 @@ class RecurrentPPO(StockRecurrentPPO):
 
         See https://github.com/DLR-RM/stable-baselines3/issues/633.
         """
-        rows = [i for i in np.flatnonzero(dones) if infos[i].get("TimeLimit.truncated", False)]
+        rows = [int(i) for i in np.flatnonzero(dones) if infos[i].get("TimeLimit.truncated", False)]
         if not rows:
             return
         terminal = self._features(np.stack([infos[i]["terminal_observation"] for i in rows]))
@@ -253,7 +192,7 @@ class RecurrentPPO(StockRecurrentPPO):
         assert isinstance(policy, LstmPolicy) and isinstance(buffer, SequenceBuffer)
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
-        clip_range = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
+        clip_range = self.clip_range(self._current_progress_remaining)
         buffer.freeze()
         with th.no_grad():
             features = policy.extract_features(buffer.flat["observations"])
@@ -277,7 +216,7 @@ class RecurrentPPO(StockRecurrentPPO):
         """
         policy, buffer = self.policy, self.rollout_buffer
         assert isinstance(buffer, SequenceBuffer)
-        for batch in buffer.minibatches(self.batch_size):  # type: ignore[arg-type]
+        for batch in buffer.minibatches(self.batch_size):
             policy.optimizer.zero_grad()
             critic = pool.submit(self._critic_gradients, batch, features) if pool else None
             log, kl = self._actor_gradients(batch, features, clip_range)
@@ -293,9 +232,9 @@ class RecurrentPPO(StockRecurrentPPO):
         self, batch: Minibatch, features: th.Tensor, clip_range: float
     ) -> tuple[dict[str, th.Tensor], th.Tensor]:
         """Add the gradients of the clipped surrogate and the entropy bonus; returns what to log, and the KL."""
-        policy, data = self.policy, self.rollout_buffer.flat  # type: ignore[attr-defined]
-        latent = _lstm_outputs(policy.lstm_actor, batch, features, self.rollout_buffer.actor_states)  # type: ignore[attr-defined,arg-type]
-        distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))  # type: ignore[attr-defined]
+        policy, data = self.policy, self.rollout_buffer.flat
+        latent = _lstm_outputs(policy.lstm_actor, batch, features, self.rollout_buffer.actor_states)
+        distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))
         actions = data["actions"][batch.order]
         if isinstance(self.action_space, spaces.Discrete):
             actions = actions.long().flatten()
@@ -323,11 +262,11 @@ class RecurrentPPO(StockRecurrentPPO):
 
     def _critic_gradients(self, batch: Minibatch, features: th.Tensor) -> th.Tensor:
         """Add the gradients of the value loss, which is returned."""
-        policy, data = self.policy, self.rollout_buffer.flat  # type: ignore[attr-defined]
-        latent = _lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)  # type: ignore[attr-defined,arg-type]
-        values = policy.value_net(policy.mlp_extractor.forward_critic(latent)).flatten()  # type: ignore[attr-defined,operator]
+        policy, data = self.policy, self.rollout_buffer.flat
+        latent = _lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)
+        values = policy.value_net(policy.mlp_extractor.forward_critic(latent)).flatten()
         if self.clip_range_vf is not None:
-            limit = self.clip_range_vf(self._current_progress_remaining)  # type: ignore[operator]
+            limit = self.clip_range_vf(self._current_progress_remaining)
             old = data["values"][batch.order]
             values = old + th.clamp(values - old, -limit, limit)
         value_loss = ((data["returns"][batch.order] - values) ** 2).mean()

@@ -6,6 +6,7 @@ Unused boxes have ``top = NOTHING``. Boxes may overlap; the highest one counts.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -75,7 +76,7 @@ def scan_points(position: np.ndarray, points: int, spacing: float) -> np.ndarray
     return xy
 
 
-def place(terrain: np.ndarray, row: int, boxes: list[tuple[float, ...]], keep_from: float) -> bool:
+def place(terrain: np.ndarray, row: int, boxes: Sequence[tuple[float, ...]], keep_from: float) -> bool:
     """Add boxes to one environment, in place; boxes that end behind ``keep_from`` make room.
 
     A box that continues the last one at the same height extends it, so that flat ground has no seams.

@@ -33,7 +33,7 @@ LAYERS = (
     {"sim"},
     {"env"},
     {"adapters"},
-    {"sequences"},
+    {"policy", "sequences"},
     {"recurrent"},
     {"checkpoints"},
     {"recipe"},

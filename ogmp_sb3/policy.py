@@ -1,0 +1,82 @@
+"""The recurrent policy: sb3-contrib's, with a normaliser in front and the LSTM called once per batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+LstmStates = tuple[th.Tensor, th.Tensor]
+
+
+class Normaliser(BaseFeaturesExtractor):
+    """Running mean and standard deviation of the observations, kept inside the policy.
+
+    It starts at mean 0 and the given scale, and never divides by less than the scale: terrain heights that hardly
+    vary in early training must not blow up when a block comes into sight.
+
+    :param observation_space: a flat box
+    :param scale: typical size of each component, in its unit; None: 1e-2 each
+    :param clip: normalised observations are clipped to this
+    """
+
+    mean: th.Tensor
+    variance: th.Tensor
+    count: th.Tensor
+    floor: th.Tensor
+
+    def __init__(self, observation_space: spaces.Box, scale: Sequence[float] | None = None, clip: float = 10.0) -> None:
+        size = int(np.prod(observation_space.shape))
+        super().__init__(observation_space, size)
+        floor = th.full((size,), 1e-2) if scale is None else th.as_tensor(scale, dtype=th.float32)
+        self.register_buffer("mean", th.zeros(size))
+        self.register_buffer("variance", floor**2)
+        self.register_buffer("count", th.zeros(()))
+        self.register_buffer("floor", floor)
+        self.clip = clip
+
+    def forward(self, observations: th.Tensor) -> th.Tensor:
+        std = th.maximum(self.variance.sqrt(), self.floor)
+        return ((observations.flatten(1) - self.mean) / std).clamp(-self.clip, self.clip)
+
+    def update(self, observations: th.Tensor) -> None:
+        """Take a batch of observations into the statistics (Chan et al. 1979), shape (n, size)."""
+        n, total = len(observations), self.count + len(observations)
+        delta = observations.mean(dim=0) - self.mean
+        variance = observations.var(dim=0, unbiased=False)
+        self.variance.copy_((self.count * self.variance + n * variance + delta**2 * self.count * n / total) / total)
+        self.mean.add_(delta * n / total)
+        self.count.copy_(total)
+
+
+class LstmPolicy(RecurrentActorCriticPolicy):
+    """``MlpLstmPolicy`` whose LSTM runs once over a batch of sequences.
+
+    sb3-contrib steps through time in Python whenever a minibatch holds an episode start. But its sequences are cut
+    at episode starts, so a start can only be their first step: zeroing the initial state of those sequences and
+    calling the LSTM once is exact.
+    """
+
+    @staticmethod
+    def _process_sequence(
+        features: th.Tensor,
+        lstm_states: tuple[th.Tensor, th.Tensor],
+        episode_starts: th.Tensor,
+        lstm: nn.LSTM,
+    ) -> tuple[th.Tensor, tuple[th.Tensor, th.Tensor]]:
+        sequences = lstm_states[0].shape[1]
+        starts = episode_starts.reshape(sequences, -1)
+        length = starts.shape[1]
+        if length > 1 and bool((starts[:, 1:] != 0).any()):
+            return RecurrentActorCriticPolicy._process_sequence(  # type: ignore[return-value]
+                features, lstm_states, episode_starts, lstm
+            )
+        keep = (1.0 - starts[:, 0]).view(1, sequences, 1)
+        inputs = features.reshape(sequences, length, lstm.input_size).transpose(0, 1)
+        output, states = lstm(inputs, (lstm_states[0] * keep, lstm_states[1] * keep))
+        return output.transpose(0, 1).flatten(0, 1), states
