@@ -1,8 +1,9 @@
 """Policies and trainings on disk: safetensors and JSON only, nothing that can run code.
 
-A policy is a directory with ``policy.safetensors`` (weights and normaliser) and ``policy.json`` (its task and
-network). A checkpoint of a training is such a directory with ``trainer.safetensors`` and ``trainer.json`` beside,
-which hold everything else that the next step depends on, and ``manifest.json`` with the checksums.
+A policy is a directory with ``policy.safetensors`` (weights and normaliser), ``policy.json`` (its task and network)
+and, if it observes the mode latent, ``encoder/``. A checkpoint of a training is such a directory with
+``trainer.safetensors`` and ``trainer.json`` beside, which hold everything else that the next step depends on, and
+``manifest.json`` with the checksums.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import PACKAGE, task_from_data
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import LstmPolicy, Normaliser
 from ogmp_sb3.recurrent import RecurrentPPO
@@ -35,6 +37,7 @@ from ogmp_sb3.registry import did_you_mean
 
 FORMAT = 1
 MANIFEST = "manifest.json"
+ENCODER = "encoder"  # directory beside the weights: the encoder a policy was trained with
 POLICIES_DIR = PACKAGE / "policies"
 
 
@@ -95,7 +98,10 @@ def save_checkpoint(
     _save_json(temporary / "policy.json", {"format": FORMAT, "network": _network(model.policy), **info})
     _save_tensors(temporary / "trainer.safetensors", tensors)
     _save_json(temporary / "trainer.json", trainer)
-    sums = {file.name: _checksum(file) for file in sorted(temporary.iterdir())}
+    if env.batch.task.uses_latent and env.batch.task.encoder:
+        copy_encoder(env.batch.task.encoder, temporary / ENCODER)
+    files = sorted(file for file in temporary.rglob("*") if file.is_file())
+    sums = {file.relative_to(temporary).as_posix(): _checksum(file) for file in files}
     _save_json(temporary / MANIFEST, sums)
     if folder.exists():
         shutil.rmtree(folder)
@@ -151,6 +157,8 @@ def copy_policy(checkpoint: Path, folder: Path) -> None:
     for name in ("policy.safetensors", "policy.json"):
         shutil.copy(checkpoint / name, temporary / name)
         _sync(temporary / name)
+    if (checkpoint / ENCODER).is_dir():
+        copy_encoder(str(checkpoint / ENCODER), temporary / ENCODER)
     if folder.exists():
         shutil.rmtree(folder)
     temporary.rename(folder)
@@ -162,8 +170,8 @@ def verify(folder: Path) -> None:
     :raises ValueError: naming the first that is not
     """
     for name, expected in _load_json(folder / MANIFEST).items():
-        file = folder / Path(name).name
-        if not file.is_file() or _checksum(file) != expected:
+        file = folder / name
+        if ".." in Path(name).parts or not file.is_file() or _checksum(file) != expected:
             raise ValueError(f"{file}: damaged or missing (its checksum is not that of {MANIFEST}).")
 
 
@@ -179,6 +187,8 @@ def load_policy(run: str | Path) -> LoadedPolicy:
         raise ValueError(f"{folder / 'policy.json'}: format {info.get('format')!r}, expected {FORMAT}.")
     try:
         task_path = Path(info["task_file"])
+        if (folder / ENCODER).is_dir():
+            info["task"]["encoder"] = str(folder / ENCODER)
         task = task_from_data(info["task"], task_path)
         size, scale = info["network"]["actions"], np.array(info["network"]["scale"], dtype=np.float32)
         kwargs = info["network"]["kwargs"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3 import registry
-from ogmp_sb3.definitions import ModeRanges, RobotConfig, TaskConfig, Terms
+from ogmp_sb3.definitions import ModeRanges, RobotConfig, Scene, TaskConfig, Terms
 from ogmp_sb3.registry import Registry, did_you_mean
 from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
@@ -16,6 +16,7 @@ from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 PACKAGE = Path(__file__).parent
 TASKS_DIR = PACKAGE / "tasks"
 ROBOTS_DIR = PACKAGE / "robots"
+SCENES_DIR = TASKS_DIR / "scenes"
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
@@ -70,6 +71,26 @@ def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
     )
 
 
+def apply_scene(data: dict[str, Any], name_or_path: str) -> dict[str, Any]:
+    """Put a scene into plain task data, in place, and return it: its sequence of modes is what is drawn.
+
+    :param name_or_path: a shipped scene (``"pace_to_jump"``) or the path of a YAML file
+    :raises KeyError: for an unknown scene or key
+    :raises ValueError: for a file that cannot be read
+    """
+    path = Path(name_or_path)
+    if not name_or_path.endswith((".yaml", ".yml")):
+        path = SCENES_DIR / f"{name_or_path}.yaml"
+        if not path.is_file():
+            names = [p.stem for p in SCENES_DIR.glob("*.yaml")]
+            raise KeyError(f"unknown scene '{name_or_path}'{did_you_mean(name_or_path, names)}")
+    scene = read_yaml(path)
+    read(Scene, scene, Where(_shown(path)))
+    data["sampling"] = {"order": "sequence", "sequence": scene["sequence"], "repeat": "last"}
+    data["curriculum"] = None
+    return data
+
+
 def task_path(name_or_path: str | Path) -> Path:
     """Where a task's YAML is.
 
@@ -120,7 +141,9 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
             registry.modes.get(name)
     _check_ranges(task.mode_ranges, where / "modes", complete=True)
     _check_names(task.sampling.weights, task.modes, where / "sampling.weights")
-    _check_names(task.sampling.sequence, task.mode_ranges, where / "sampling.sequence")
+    _check_names((e.mode for e in task.sampling.sequence), task.mode_ranges, where / "sampling.sequence")
+    for i, entry in enumerate(task.sampling.sequence):
+        _check_ranges({entry.mode: entry.ranges}, where / "sampling.sequence" / i, complete=False)
     weights = [task.sampling.weights.get(m, 1.0) for m in task.mode_ranges]
     if task.sampling.order == "random" and not any(weights):
         raise ValueError(f"{where / 'sampling.weights'} gives every mode the weight 0.")

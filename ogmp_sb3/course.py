@@ -35,6 +35,7 @@ class Course:
         self._laid = np.zeros(num_envs)  # m of track laid so far
         self._mode_count = np.zeros(num_envs, dtype=int)
         self.modes: list[list[ModeCall]] = [[] for _ in range(num_envs)]
+        self.commands: list[list[ModeCall]] = [[] for _ in range(num_envs)]  # modes that come before drawn ones
 
     def begin(self, row: int, rng: np.random.Generator, level: float) -> float:
         """Begin a new variant; returns the height of the ground at its start, m."""
@@ -84,7 +85,7 @@ class Course:
         return np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
 
     def state(self) -> tuple[dict[str, np.ndarray], list[Any]]:
-        """Everything laid so far: arrays, and the modes as plain data."""
+        """Everything laid so far: arrays, and the modes as plain data. Commands are not part of it."""
         arrays = {f"course.{name}": getattr(self, name).copy() for name in self._arrays()}
         return arrays, [[[call.name, call.parameters] for call in calls] for calls in self.modes]
 
@@ -105,7 +106,9 @@ class Course:
         return ("terrain", "spans", "_span_count", "_laid", "_mode_count")
 
     def _next_mode(self, row: int, rng: np.random.Generator, level: float) -> ModeCall:
-        """The next mode of the variant; behind the end of the track, flat ground."""
+        """The next mode: as commanded, else of the variant; behind the end of the track, flat ground."""
+        if self.commands[row]:
+            return self.commands[row].pop(0)
         length = self.task.track.length
         if length is not None and not self.timed and self._laid[row] >= length:
             speed = float(self.spans[row, self._span_count[row] - 1, VX])
@@ -132,10 +135,7 @@ class Course:
 
 def _extent(task: TaskConfig) -> tuple[bool, float, int]:
     """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
-    ranges = dict(task.mode_ranges)
-    corners = list(corner_segments(ranges))
-    if task.curriculum is not None:
-        corners += corner_segments({m: {**ranges[m], **r} for m, r in task.curriculum.modes.items()})
+    corners = list(corner_segments(task))
     timed = {segment.timed for segment in corners}
     if len(timed) > 1:
         raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")

@@ -120,6 +120,26 @@ class RobotConfig:
         return self.path.parent / self.mjcf
 
 
+@dataclass(frozen=True)
+class SequenceEntry:
+    """One place in a sequence of modes."""
+
+    mode: str
+    """name of the mode"""
+    ranges: dict[str, Range] = field(default_factory=dict)
+    """its parameters here, where they differ from the task's"""
+
+    @classmethod
+    def from_data(cls, data: Any, where: Where) -> SequenceEntry:
+        """Read ``jump`` or ``{jump: {h: 0.1}}``."""
+        if isinstance(data, str):
+            return cls(data)
+        if not isinstance(data, Mapping) or len(data) != 1:
+            raise TypeError(f"{where} must be a mode, or one mode with parameters, found {describe(data)}.")
+        ((mode, ranges),) = data.items()
+        return cls(str(mode), read(dict[str, Range], ranges or {}, where / mode))
+
+
 @dataclass(frozen=True, kw_only=True)
 class SamplingConfig:
     """How a task variant is drawn from the modes, Psi_T = Psi_M^N."""
@@ -128,8 +148,8 @@ class SamplingConfig:
     """``random``: modes follow each other at random, without end; ``sequence``: in the given order"""
     weights: dict[str, float] = field(default_factory=dict)
     """random: relative frequency of each mode (1 if not given)"""
-    sequence: tuple[str, ...] = ()
-    """sequence: the modes in order"""
+    sequence: tuple[SequenceEntry, ...] = ()
+    """sequence: the modes in order, with parameters of their own if need be (``{jump: {h: 0.1}}``)"""
     repeat: Literal["all", "last"] = "last"
     """sequence: what comes after its end"""
 
@@ -137,6 +157,16 @@ class SamplingConfig:
         if self.order == "sequence" and not self.sequence:
             raise ValueError("order: sequence needs a sequence of modes.")
         _not_negative("weights", self.weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """``tasks/scenes/<name>.yaml``: modes that a policy is commanded to, one after another."""
+
+    description: str
+    """one sentence"""
+    sequence: tuple[SequenceEntry, ...]
+    """the modes in order; the last one goes on"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,6 +294,8 @@ class TaskConfig:
     """name of an oracle"""
     oracle_params: dict[str, dict[str, Any]] = field(default_factory=dict)
     """oracle -> its parameters"""
+    encoder: str | None = None
+    """encoder of the observation ``mode_latent``: a name or a directory; null: none"""
     feedback: tuple[str, ...]
     """states the oracle takes from the robot at a query; the others start at 0"""
     horizon: int | None
@@ -320,6 +352,11 @@ class TaskConfig:
     def mode_ranges(self) -> ModeRanges:
         """The modes in use and their parameters."""
         return {name: ranges for name, ranges in self.modes.items() if ranges is not None}
+
+    @property
+    def uses_latent(self) -> bool:
+        """Whether the policy observes the mode latent."""
+        return self.observations.get("mode_latent") is not None
 
     @property
     def bound_weights(self) -> tuple[float, ...]:

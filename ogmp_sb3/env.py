@@ -11,17 +11,19 @@ import numpy as np
 from ogmp_sb3 import registry
 from ogmp_sb3.course import Course
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.latent import LATENT_SIZE, LatentEncoder, load_encoder
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.oracles import Oracle, Plant
 from ogmp_sb3.reference import Reference, set_points
+from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.sampling import ModeCall
+from ogmp_sb3.sampling import ModeCall, draw_parameters
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE, VEL
 from ogmp_sb3.terrain import height_at
 from ogmp_sb3.view import EnvView, deviation, srb_state
 
-STATE_ARRAYS = ("_reference", "_reference_quat", "_period", "_phase", "step_count", "level", "_ended")
+STATE_ARRAYS = ("_reference", "_reference_quat", "_latent", "_period", "_phase", "step_count", "level", "_ended")
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
@@ -57,6 +59,18 @@ def _bind(kinds: registry.Registry[Any], terms: dict[str, dict[str, Any] | None]
     return {name: partial(kinds.get(name), **given) for name, given in terms.items() if given is not None}
 
 
+def _load_encoder(task: TaskConfig) -> LatentEncoder | None:
+    """The task's encoder, if its latent is observed.
+
+    :raises ValueError: if the latent is observed but no encoder is named
+    """
+    if not task.uses_latent:
+        return None
+    if task.encoder is None:
+        raise ValueError(f"{task.file}: observation 'mode_latent' needs an 'encoder' (ogmp-encode trains one).")
+    return load_encoder(task.encoder)
+
+
 class BatchEnv:
     """``num_envs`` environments of a task.
 
@@ -76,6 +90,7 @@ class BatchEnv:
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.course = Course(task, num_envs)
         self._oracle = make_oracle(task)
+        self._encoder = _load_encoder(task)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
@@ -85,6 +100,7 @@ class BatchEnv:
 
         self._reference = np.zeros((num_envs, self.course.most_steps + 1, STATE_SIZE))
         self._reference_quat = np.zeros((num_envs, self.course.most_steps + 1, 4))
+        self._latent = np.zeros((num_envs, LATENT_SIZE))
         self._period = np.ones(num_envs, dtype=int)
         self._phase = np.zeros(num_envs, dtype=int)
         self.step_count = np.zeros(num_envs, dtype=int)
@@ -129,6 +145,23 @@ class BatchEnv:
         self._rng[row] = np.random.default_rng(seed)
         self._ended[row] = False
         self.level[row] = self._first_level
+
+    def command(self, row: int, mode: str, **parameters: float | str) -> None:
+        """Have an environment go on with a mode behind what is laid already (about 1.3 m), before drawn ones.
+
+        Several commands follow each other. The oracle plans them from wherever the robot is.
+
+        :param row: the environment
+        :param mode: name of one of the task's modes
+        :param parameters: its parameters; those left out are drawn from the task's ranges
+        :raises KeyError: for an unknown mode or parameter
+        """
+        ranges = self.task.mode_ranges
+        if mode not in ranges:
+            raise KeyError(f"the task has no mode '{mode}'{did_you_mean(mode, ranges)}")
+        registry.modes.check(mode, {**ranges[mode], **parameters})
+        drawn = draw_parameters(ranges[mode], self._rng[row])
+        self.course.commands[row].append(ModeCall(mode, {**drawn, **parameters}))
 
     def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
         """Begin new episodes.
@@ -184,7 +217,7 @@ class BatchEnv:
                 for row in due:
                     self.course.extend(row, 0.0, self._rng[row], float(self.level[row]))
             self._query(due)
-        seen = replace(view, phase=self._phase, period=self._period, terrain=self.terrain)
+        seen = replace(view, phase=self._phase, period=self._period, latent=self._latent, terrain=self.terrain)
         return StepResult(
             observation=self._observe(seen),
             reward=reward,
@@ -249,6 +282,7 @@ class BatchEnv:
             reference=reference,
             reference_quat=self._reference_quat[every, phase],
             deviation=deviation(state, reference, self._weights),
+            latent=self._latent[every],
             phase=phase,
             period=self._period[every],
         )
@@ -309,5 +343,7 @@ class BatchEnv:
         knots = reference.state.shape[1]
         self._reference[rows, :knots] = reference.state
         self._reference_quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
+        if self._encoder is not None:
+            self._latent[rows] = self._encoder(reference.state, reference.steps)
         self._period[rows] = steps
         self._phase[rows] = 0

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
-from ogmp_sb3.config import apply_overrides, task_from_data
+from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
 from ogmp_sb3.definitions import Range, TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.logs import progress_bar
@@ -40,6 +40,7 @@ class EvalConfig:
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     protocol: Literal["paper", "endless"] = cli.option("paper: as in the task file; endless: to a fall", "paper")
     max_distance: float = cli.option("endless: an episode is over this far along the track, m", 200.0)
+    scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
     out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
 
@@ -59,6 +60,7 @@ HELP = cli.usage(
         "ogmp-eval run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-eval run=parkour episodes=500 seed=1 out=evaluation",
         "ogmp-eval run=parkour protocol=endless max_distance=100",
+        "ogmp-eval run=parkour scene=pace_to_jump",
         "ogmp-eval run=parkour grid=jump.w,jump.h",
         "ogmp-eval run=parkour grid=leap.w:0.1:0.6:6,leap.run_up:0.2:0.6:5",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
@@ -110,6 +112,8 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
 def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
     """The task under the protocol wanted, with the user's overrides."""
     data = apply_overrides(copy.deepcopy(loaded.task_data), overrides, PROGRAM)
+    if config.scene:
+        apply_scene(data, config.scene)
     task = task_from_data(data, loaded.task_path).for_evaluation()
     if config.protocol == "endless":
         steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
@@ -190,6 +194,7 @@ def _run(arguments: list[str]) -> None:
         "task": task.name,
         "protocol": config.protocol,
         "overrides": overrides,
+        "scene": config.scene,
         "seed": config.seed,
         "num_timesteps": loaded.info.get("num_timesteps"),
         "physics_dt": task.physics_dt,

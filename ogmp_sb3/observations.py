@@ -63,3 +63,9 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
     heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
     relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
     return Signal(relative, np.full(points, 0.1))
+
+
+@observations.register()
+def mode_latent(view: EnvView) -> Signal:
+    """What the task's encoder makes of the coming reference (paper: z_t)."""
+    return Signal(view.latent, np.full(view.latent.shape[1], 0.5))

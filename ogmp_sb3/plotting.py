@@ -12,6 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from ogmp_sb3.sampling import ModeCall
+
 COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
 
 
@@ -102,4 +104,42 @@ def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     axes.margins(x=0.15)
     axes.set(xlabel="per second", title="\n".join([title, *ratios]))
     figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None:
+    """Scatter of the latent: all modes, and each mode coloured by its parameters (paper, fig:afo c).
+
+    :param latents: shape (n, 2)
+    :param calls: the mode and parameters of each
+    :param path: picture to write
+    """
+    names = list(dict.fromkeys(call.name for call in calls))
+    panels: list[tuple[str, str | None]] = [("all modes", None)]
+    for name in names:
+        parameters = next(call.parameters for call in calls if call.name == name)
+        varied = [k for k in parameters if len({call.parameters[k] for call in calls if call.name == name}) > 1]
+        panels += [(name, parameter) for parameter in varied]
+    columns = min(len(panels), 4)
+    rows = -(-len(panels) // columns)
+    figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 3.4 * rows), squeeze=False, layout="constrained")
+    for axes in grid.flat[len(panels) :]:
+        axes.axis("off")
+    for axes, (name, parameter) in zip(grid.flat, panels, strict=False):
+        if parameter is None:
+            for mode in names:
+                rows_of = [i for i, call in enumerate(calls) if call.name == mode]
+                axes.scatter(*latents[rows_of].T, s=6, label=mode)
+            axes.legend(fontsize="small")
+            axes.set(title=name, xlabel="z1", ylabel="z2")
+            continue
+        members = [i for i, call in enumerate(calls) if call.name == name]
+        values = [calls[i].parameters[parameter] for i in members]
+        words = sorted({v for v in values if isinstance(v, str)})
+        colours = [words.index(v) for v in values] if words else values
+        points = axes.scatter(*latents[members].T, s=6, c=colours, cmap="tab10" if words else "viridis")
+        axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), xlabel="z1", ylabel="z2")
+        if not words:
+            figure.colorbar(points)
+    figure.savefig(path, dpi=100)
     plt.close(figure)

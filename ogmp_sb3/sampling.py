@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.definitions import ModeRanges, Range, TaskConfig
+from ogmp_sb3.definitions import Range, TaskConfig
 from ogmp_sb3.modes import Segment
 from ogmp_sb3.registry import modes
 
@@ -55,8 +55,11 @@ class ModeSampler:
             name = self._names[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
         else:
             sequence = self._order.sequence
-            repeated = index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)
-            name = sequence[repeated]
+            entry = sequence[index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)]
+            name, own = entry.mode, entry.ranges
+            if own:
+                ranges = {**{key: full for key, _, full in self._parameters[name]}, **own}
+                return ModeCall(name, draw_parameters(ranges, rng))
         return ModeCall(name, {key: _draw(a, b, level, rng) for key, a, b in self._parameters[name]})
 
 
@@ -78,11 +81,21 @@ def mode_ranges(task: TaskConfig, name: str, level: float) -> dict[str, Range]:
     return {key: start.get(key, range_).towards(range_, level) for key, range_ in full.items()}
 
 
-def corner_segments(ranges: ModeRanges) -> Iterator[Segment]:
-    """The segments of every mode at the extremes of its parameters."""
-    for name, parameters in ranges.items():
+def corner_segments(task: TaskConfig) -> Iterator[Segment]:
+    """The segments of every mode at the extremes of all parameters that the task can draw."""
+    full = task.mode_ranges
+    drawn: list[tuple[str, dict[str, Range]]] = list(full.items())
+    drawn += [(entry.mode, {**full[entry.mode], **entry.ranges}) for entry in task.sampling.sequence]
+    if task.curriculum is not None:
+        drawn += [(name, {**full[name], **ranges}) for name, ranges in task.curriculum.modes.items()]
+    for name, parameters in drawn:
         for values in itertools.product(*(r.corners() for r in parameters.values())):
             yield ModeCall(name, dict(zip(parameters, values, strict=True))).segment()
+
+
+def draw_parameters(ranges: dict[str, Range], rng: np.random.Generator) -> dict[str, float | str]:
+    """Uniform parameters of one mode."""
+    return {key: _draw(range_, range_, 1.0, rng) for key, range_ in ranges.items()}
 
 
 def _draw(start: Range, full: Range, level: float, rng: np.random.Generator) -> float | str:

@@ -7,7 +7,7 @@ import math
 import shutil
 import signal
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -22,6 +22,7 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.checkpoints import (
+    ENCODER,
     checkpoint_dirs,
     copy_policy,
     latest_checkpoint,
@@ -31,6 +32,7 @@ from ogmp_sb3.checkpoints import (
 )
 from ogmp_sb3.config import TASKS_DIR, task_from_data
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
@@ -119,6 +121,10 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     :return: mean return of the last episodes
     """
     th.set_num_threads(thread_count(config.torch_threads))
+    if task.uses_latent and task.encoder:
+        if not resume:
+            copy_encoder(task.encoder, run_dir / ENCODER)
+        task = replace(task, encoder=str(run_dir / ENCODER))
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     network = policy_kwargs(
         env.batch.observation_scale,

@@ -45,6 +45,8 @@ class EnvView:
     """its orientation, shape (num_envs, 4)"""
     deviation: np.ndarray
     """weighted distance to the reference, shape (num_envs,)"""
+    latent: np.ndarray
+    """mode latent of the reference, shape (num_envs, 2); 0 where the task names no encoder"""
     phase: np.ndarray
     """control steps since the oracle was asked, shape (num_envs,), int"""
     period: np.ndarray

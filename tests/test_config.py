@@ -491,7 +491,7 @@ def test_a_group_that_the_file_leaves_out_can_be_overridden(tmp_path: Path) -> N
 def test_a_mode_and_a_term_can_be_added_by_dotted_keys() -> None:
     task = load_task("dive", ["modes.pace.v=[0.1,1]", "observations.height_scan={points: 3, spacing: 0.1}"])
     assert task.modes["pace"] == {"v": Range(0.1, 1.0)}
-    assert list(task.observations) == ["proprioception", "clock", "height_scan"]
+    assert list(task.observations) == ["proprioception", "clock", "mode_latent", "height_scan"]
 
 
 def test_overriding_one_of_two_oracles_that_share_their_weights_leaves_the_other() -> None:
@@ -504,7 +504,7 @@ def test_null_switches_a_mode_off_with_its_weights_and_curriculum() -> None:
     assert list(task.mode_ranges) == ["pace", "leap"]
     assert list(task.sampling.weights) == ["pace", "leap"]
     assert list(task.curriculum.weights) == ["pace", "leap"]
-    assert list(task.curriculum.modes) == ["leap"]
+    assert list(task.curriculum.modes) == ["pace", "leap"]
 
 
 def test_null_cannot_switch_off_a_mode_that_a_sequence_needs() -> None:

@@ -9,6 +9,7 @@ import pytest
 from ogmp_sb3.config import TASKS_DIR, load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.latent import load_encoder
 from ogmp_sb3.sampling import mode_ranges
 from ogmp_sb3.srb import STATE_NAMES
 from ogmp_sb3.terrain import BOX_DEPTH, NOTHING, X0, X1, Y0, Y1, height_at
@@ -421,7 +422,11 @@ def test_the_track_goes_on_for_hundreds_of_metres_and_ten_kilometres_away(name: 
 @pytest.mark.parametrize("name", ON_TRACK)
 def test_the_reference_far_away_is_that_of_home(name: str) -> None:
     """On flat ground, 12 km away; 12 060 m and 60 m both hold a whole number of hops, so hops are equally long."""
-    flat = {"modes.pace.length": 1.2e4 + 60.0, "sampling": {"order": "sequence", "sequence": ["pace"], "repeat": "all"}}
+    flat = {
+        "modes.pace.v": 0.8,
+        "modes.pace.length": 1.2e4 + 60.0,
+        "sampling": {"order": "sequence", "sequence": ["pace"], "repeat": "all"},
+    }
     task = at_full_level(load_task(name, {**OPEN, **flat, "sampling.weights": {}}))
     env = BatchEnv(task, 2, SEED, threads=1)
     env.reset()
@@ -680,3 +685,50 @@ def test_a_saved_state_of_another_size_is_an_error() -> None:
     two, three = (BatchEnv(load_task("parkour"), n, SEED, threads=1) for n in (2, 3))
     with pytest.raises(ValueError, match="does not fit this task and 3 environments"):
         three.set_state(*two.state())
+
+
+# ---- the mode latent and commands ----
+
+
+def test_the_latent_is_that_of_the_reference_and_changes_only_at_queries() -> None:
+    task = load_task("parkour", {"horizon": 7, "min_step_reward": None, "rho": None, "terminations": {"fall": None}})
+    env = BatchEnv(task, 3, SEED, threads=1)
+    encoder = load_encoder("parkour")
+    env.reset()
+    for step in range(1, 22):
+        before = env.view().latent.copy()
+        env.step(np.zeros((3, 10)))
+        after = env.view().latent
+        if step % 7 == 0:
+            np.testing.assert_allclose(after, encoder(env._reference[:, :8], np.full(3, 7)))
+        else:
+            np.testing.assert_array_equal(after, before)
+    assert (env.view().latent != 0).any()
+
+
+def test_the_latent_is_two_observations_that_one_line_switches_off() -> None:
+    task = load_task("parkour")
+    on, off = BatchEnv(task, 1), BatchEnv(load_task("parkour", {"observations.mode_latent": None}), 1)
+    assert on.observation_size == off.observation_size + 2
+    with pytest.raises(ValueError, match="'mode_latent' needs an 'encoder'"):
+        BatchEnv(load_task("parkour", {"encoder": None}), 1)
+
+
+def test_commanded_modes_come_next_in_their_order_and_only_in_their_row() -> None:
+    env = BatchEnv(at_full_level(load_task("parkour", OPEN)), 2, SEED, threads=1)
+    env.reset()
+    laid = len(env.modes[0])
+    env.command(0, "jump", h=0.111)
+    env.command(0, "leap", w=0.222, d=0.4)
+    for _ in range(80):
+        env.sim.qpos[:, env.sim.base_qpos] += 0.05
+        env.step(np.zeros((2, 10)))
+    jump, leap = env.modes[0][laid : laid + 2]
+    assert (jump.name, jump.parameters["h"]) == ("jump", 0.111)
+    assert (leap.name, leap.parameters["w"], leap.parameters["d"]) == ("leap", 0.222, 0.4)
+    assert 0.3 <= jump.parameters["w"] <= 0.5  # drawn
+    assert all(call.parameters.get("h") != 0.111 for call in env.modes[1])
+    with pytest.raises(KeyError, match=r"no mode 'jmp'.*Did you mean 'jump'"):
+        env.command(0, "jmp")
+    with pytest.raises(KeyError, match=r"no parameter 'runup'.*Did you mean 'run_up'"):
+        env.command(0, "jump", runup=0.1)

@@ -27,18 +27,18 @@ LAYERS = (
     {"riccati", "terrain"},
     {"modes"},
     {"reference", "sampling"},
-    {"oracles", "course"},
+    {"oracles", "course", "latent"},
     {"view"},
     {"observations", "rewards", "terminations", "metrics"},
     {"sim"},
     {"env"},
-    {"adapters"},
+    {"adapters", "encoder"},
     {"policy", "sequences"},
     {"recurrent"},
     {"checkpoints"},
     {"recipe"},
     {"plotting", "logs", "cli", "episodes"},
-    {"train", "evaluate", "check", "bench", "bench_physics"},
+    {"train", "evaluate", "check", "encode", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 
@@ -121,7 +121,7 @@ def imports(names: set[str], target: str) -> bool:
 SOURCES = {
     module_name(path): path
     for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("[!_]*/**/*.py")])
-    if path.relative_to(PACKAGE).parts[0] not in {"conf", "tasks", "robots", "policies"}
+    if path.relative_to(PACKAGE).parts[0] not in {"conf", "tasks", "robots", "policies", "encoders"}
 }
 IMPORTED = {module: imported_names(path.read_text(encoding="utf-8")) for module, path in SOURCES.items()}
 MODULES = sorted(set(SOURCES) - {"__init__"})
@@ -232,7 +232,7 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
     source.mkdir()
     for name in ("setup.cfg", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy2(ROOT / name, source)
-    for name in ("ogmp_sb3", "tasks", "robots", "policies"):
+    for name in ("ogmp_sb3", "tasks", "robots", "policies", "encoders"):
         shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index"]
     built = subprocess.run(
@@ -245,7 +245,12 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
         held = set(archive.namelist())
     expected = {f"ogmp_sb3/{path.relative_to(PACKAGE).as_posix()}" for path in SOURCES.values()}
     expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml"}
-    for folder, patterns in {"tasks": ("*.yaml",), "robots": ("*.xml", "*.yaml"), "policies": ("*",)}.items():
+    for folder, patterns in {
+        "tasks": ("*.yaml",),
+        "robots": ("*.xml", "*.yaml"),
+        "policies": ("*",),
+        "encoders": ("*.json", "*.safetensors"),
+    }.items():
         files = (path for pattern in patterns for path in (ROOT / folder).rglob(pattern) if path.is_file())
         expected |= {f"ogmp_sb3/{path.relative_to(ROOT).as_posix()}" for path in files}
     assert {"ogmp_sb3/tasks/parkour.yaml", "ogmp_sb3/robots/hector/hector.xml"} <= expected

@@ -33,6 +33,7 @@ def make_view(num_envs: int = 3, **fields: Any) -> EnvView:
         "reference": state.copy(),
         "reference_quat": upright.copy(),
         "deviation": np.zeros(num_envs),
+        "latent": np.zeros((num_envs, 2)),
         "phase": np.zeros(num_envs, dtype=int),
         "period": np.full(num_envs, 30),
     }

@@ -1,0 +1,125 @@
+"""The mode latent: what a trained encoder makes of a reference (paper, sec. III-C: z = xi(x[t, t + dt])).
+
+Only inference, compiled, so that a handful of references at every control step costs next to nothing; the encoder
+is trained in :mod:`ogmp_sb3.encoder`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
+
+from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.rotations import rpy_to_quat
+from ogmp_sb3.srb import OMEGA, POS, RPY, VEL
+
+ENCODERS_DIR = PACKAGE / "encoders"
+LATENT_SIZE = 2
+FEATURES = 13
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class LatentEncoder:
+    """A trained encoder: LSTM 13 -> 32, ReLU, LSTM 32 -> 2; the latent is the last hidden state, in (-1, 1)."""
+
+    mean: np.ndarray
+    """of the features, shape (13,)"""
+    std: np.ndarray
+    """of the features, shape (13,)"""
+    weights: tuple[np.ndarray, ...]
+    """input, recurrent and bias weights of both LSTMs in torch's gate order, float64"""
+
+    def __call__(self, state: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Encode references.
+
+        :param state: shape (rows, knots + 1, 12)
+        :param steps: how many steps of each row are meant, shape (rows,), int
+        :return: shape (rows, 2)
+        """
+        features = (reference_features(state) - self.mean) / self.std
+        return _encode(features, steps, *self.weights)  # type: ignore[no-any-return]
+
+
+def reference_features(state: np.ndarray) -> np.ndarray:
+    """What the encoder sees of a reference: position with x from its start, quaternion, linear and angular velocity.
+
+    :param state: shape (rows, knots + 1, 12)
+    :return: shape (rows, knots + 1, 13)
+    """
+    position = state[..., POS].copy()
+    position[..., 0] -= position[..., :1, 0]
+    return np.concatenate([position, rpy_to_quat(state[..., RPY]), state[..., VEL], state[..., OMEGA]], axis=-1)
+
+
+def load_encoder(name_or_path: str) -> LatentEncoder:
+    """Load an encoder by the name of one in ``./encoders`` or a shipped one, or by its directory.
+
+    :raises KeyError: if there is none
+    :raises ValueError: if its files are damaged
+    """
+    folder = encoder_dir(name_or_path)
+    try:
+        info: dict[str, Any] = json.loads((folder / "encoder.json").read_text(encoding="utf-8"))
+        tensors = load_file(folder / "encoder.safetensors")
+        if info["format"] != FORMAT:
+            raise ValueError(f"format {info['format']}, expected {FORMAT}")
+        weights = []
+        for lstm in ("encoder_in", "encoder_out"):
+            weights += [tensors[f"{lstm}.weight_ih_l0"], tensors[f"{lstm}.weight_hh_l0"]]
+            weights.append(tensors[f"{lstm}.bias_ih_l0"] + tensors[f"{lstm}.bias_hh_l0"])
+        mean, std = tensors["mean"].astype(float), tensors["std"].astype(float)
+    except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
+        raise ValueError(f"{folder}: not a readable encoder ({error}).") from None
+    return LatentEncoder(mean, std, tuple(np.ascontiguousarray(w, dtype=float) for w in weights))
+
+
+def encoder_dir(name_or_path: str) -> Path:
+    """Where an encoder is. Raises as :func:`load_encoder`."""
+    candidates = (Path(name_or_path), Path("encoders") / name_or_path, ENCODERS_DIR / name_or_path)
+    for folder in candidates:
+        if (folder / "encoder.json").is_file():
+            return folder
+    names = {path.parent.name for root in (Path("encoders"), ENCODERS_DIR) for path in root.glob("*/encoder.json")}
+    raise KeyError(f"no encoder '{name_or_path}'{did_you_mean(name_or_path, names)} ogmp-encode trains one.")
+
+
+def copy_encoder(name_or_path: str, folder: Path) -> None:
+    """Copy an encoder's two files into a directory, so that what was trained with it keeps it."""
+    source = encoder_dir(name_or_path)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("encoder.json", "encoder.safetensors"):
+        shutil.copy(source / name, folder / name)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _encode(features, steps, wi1, wh1, b1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
+    rows, hidden, size = len(features), wh1.shape[1], wh2.shape[1]
+    latent = np.zeros((rows, size))
+    for row in range(rows):
+        h1, c1, h2, c2 = np.zeros(hidden), np.zeros(hidden), np.zeros(size), np.zeros(size)
+        for k in range(steps[row] + 1):
+            _lstm_step(wi1 @ features[row, k] + wh1 @ h1 + b1, h1, c1)
+            _lstm_step(wi2 @ np.maximum(h1, 0.0) + wh2 @ h2 + b2, h2, c2)
+        latent[row] = h2
+    return latent
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _lstm_step(gates, h, c):  # type: ignore[no-untyped-def]
+    """One step of an LSTM, in place; gates in the order input, forget, cell, output, as in torch."""
+    n = len(h)
+    for j in range(n):
+        i, f = 1.0 / (1.0 + np.exp(-gates[j])), 1.0 / (1.0 + np.exp(-gates[n + j]))
+        g, o = np.tanh(gates[2 * n + j]), 1.0 / (1.0 + np.exp(-gates[3 * n + j]))
+        c[j] = f * c[j] + i * g
+        h[j] = o * np.tanh(c[j])
