@@ -51,7 +51,7 @@ class BenchConfig:
     num_envs: int = cli.option("environments of the comparison", 64)
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
-    run: str | None = cli.option("physics: the policy whose motions are replayed; null: exploration noise", None)
+    run: str | None = cli.option("physics: policy whose motions on its task are replayed; null: noise", None)
     json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)
 
     def __post_init__(self) -> None:
@@ -295,8 +295,10 @@ def _memory_per_env(task: TaskConfig) -> float:
 
 
 def _bench_physics(config: BenchConfig, task: TaskConfig) -> Numbers:
-    policy = load_policy(config.run).policy if config.run else None
-    return bench_physics(task, policy, config.num_envs, config.repeats)
+    if not config.run:
+        return bench_physics(task, None, config.num_envs, config.repeats)
+    loaded = load_policy(config.run)
+    return bench_physics(loaded.task, loaded.policy, config.num_envs, config.repeats)
 
 
 def _seconds(body: Callable[[], Any]) -> float:
