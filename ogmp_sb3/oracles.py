@@ -117,7 +117,6 @@ def preview(
     :param eps: weight of every state that Q does not name
     """
     index, orientations = _mean_orientations(set_points)
-    A, B, d = _models(plant, orientations)
     _, P = _total_gain(plant, _freeze(Q), _freeze(R), eps, UPRIGHT)
     weights = state_weights(Q, eps), input_weights(R) / FEET, P
     if len(orientations) == 1:
@@ -126,6 +125,7 @@ def preview(
             *dynamics, *weights, set_points.stance, set_points.state, set_points.steps, x0
         )
     else:
+        A, B, d = _models(plant, orientations)
         state = _simulate_preview(A, B, d, *weights, index, set_points.stance, set_points.state, set_points.steps, x0)
     return Reference(state, set_points.steps)
 
