@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 STEP_COLUMN = "time/total_timesteps"
@@ -46,18 +47,30 @@ class CsvWriter(KVWriter):
         pass
 
     def _rewrite(self) -> None:
-        with self.path.open("w", newline="", encoding="utf-8") as file:
+        temporary = self.path.with_suffix(".csv.tmp")
+        with temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self.columns)
             writer.writeheader()
             writer.writerows(self.rows)
+        temporary.replace(self.path)
+
+
+class TensorBoardWriter(TensorBoardOutputFormat):
+    """SB3's writer, continued where a resumed run stopped.
+
+    :param folder: where the events go
+    :param resumed_at: TensorBoard forgets earlier events beyond this sample, which is run again
+    """
+
+    def __init__(self, folder: Path, resumed_at: int = 0) -> None:
+        self.writer = SummaryWriter(str(folder), purge_step=resumed_at + 1 if resumed_at else None)
+        self._is_closed = False
 
 
 def make_logger(folder: Path, resumed_at: int = 0) -> Logger:
     """A logger for one run directory."""
-    return Logger(
-        folder=str(folder),
-        output_formats=[CsvWriter(folder / "progress.csv", resumed_at), TensorBoardOutputFormat(str(folder))],
-    )
+    writers = [CsvWriter(folder / "progress.csv", resumed_at), TensorBoardWriter(folder, resumed_at)]
+    return Logger(folder=str(folder), output_formats=writers)
 
 
 def progress_bar(total: int, unit: str, done: int = 0) -> Any:

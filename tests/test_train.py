@@ -19,6 +19,7 @@ import pytest
 import torch as th
 import yaml
 from safetensors.torch import load_file
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
 
@@ -103,6 +104,25 @@ def test_resume_goes_on_in_the_same_directory(run: Path, tmp_path: Path) -> None
     assert not th.equal(weights["action_net.weight"], after["action_net.weight"])
 
 
+def test_the_logs_of_a_crashed_and_resumed_run_have_no_double_point(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    shutil.rmtree(checkpoint_dirs(copy)[-1])  # the crash came before this checkpoint, after its log
+    done = program("train", f"resume={copy}", "total_timesteps=1100", cwd=tmp_path)
+    assert "resumed at step 512" in done.stdout
+    events = EventAccumulator(str(copy))
+    events.Reload()
+    steps = [event.step for event in events.Scalars("episode/return")]
+    assert steps == sorted(set(steps))
+    assert steps == progress(copy)
+
+
+def test_help_needs_no_task() -> None:
+    done = program("train", "--help", cwd=Path.cwd())
+    assert done.returncode == 0, done.stderr
+    assert "ogmp-train task=parkour rho=0.5" in done.stdout
+
+
 @pytest.mark.parametrize("task", ["parkour", "dive"])
 def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: str, tmp_path: Path) -> None:
     arguments = [f"task={task}", *SMALL, "seed=4", "checkpoint_interval=300"]
@@ -138,14 +158,15 @@ def test_a_damaged_checkpoint_is_passed_over_with_a_warning(run: Path, tmp_path:
     assert "resumed at step 512" in done.stdout
 
 
-def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_save_and_say_how_to_go_on(number: int, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ogmp_sb3.train", "task=dive", *SMALL, "hydra.run.dir=run"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 120
         while not (tmp_path / "run" / "progress.csv").is_file() and time.monotonic() < deadline:
             time.sleep(0.2)
         time.sleep(2.0)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert f"ogmp-train resume={tmp_path / 'run'}" in out
