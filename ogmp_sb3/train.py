@@ -274,6 +274,8 @@ def main() -> None:
         if any(argument.startswith("resume=") for argument in arguments):
             _resume(arguments)
             return
+        if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
+            arguments.append("task=parkour")  # Hydra shows no help before the task is known
         arguments = _register_tasks(arguments)
     except (ValueError, KeyError, TypeError) as error:
         _fail(error)
