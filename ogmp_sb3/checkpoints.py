@@ -246,6 +246,11 @@ def checkpoint_dirs(run_dir: Path) -> list[Path]:
     return sorted(p for p in (run_dir / "checkpoints").glob("[0-9]*") if (p / "policy.json").is_file())
 
 
+def checkpoint_info(folder: Path) -> dict[str, Any]:
+    """What the ``policy.json`` of a checkpoint says: the task, the samples, the mean return, the versions."""
+    return _load_json(folder / "policy.json")
+
+
 def latest_checkpoint(run_dir: Path) -> Path:
     """The newest checkpoint that is whole; damaged ones are passed over with a warning.
 

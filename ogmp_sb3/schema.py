@@ -61,6 +61,13 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return typing.cast(dict[str, Any], data)
 
 
+def write_yaml(path: Path, data: dict[str, Any]) -> None:
+    """Write plain data as YAML, all or nothing."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    OmegaConf.save(OmegaConf.create(data), temporary)
+    temporary.replace(path)
+
+
 def read_value(text: str) -> Any:
     """Read one value as a YAML file would have it, ``1e-3`` being a number.
 

@@ -38,6 +38,7 @@ LAYERS = (
     {"checkpoints"},
     {"recipe"},
     {"plotting", "logs", "cli", "episodes"},
+    {"training"},
     {"train", "evaluate", "check", "encode", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
