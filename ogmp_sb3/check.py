@@ -11,9 +11,10 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.plotting import plot_references
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, STATE_SIZE

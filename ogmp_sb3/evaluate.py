@@ -17,11 +17,12 @@ from rich.table import Table
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord
 from ogmp_sb3.plotting import plot_grid
+from ogmp_sb3.ranges import Range
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over

@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[1]
 LAYERS = (
     {"registry", "rotations"},
     {"schema", "srb"},
+    {"ranges"},
     {"definitions"},
     {"config"},
     {"riccati", "terrain"},
