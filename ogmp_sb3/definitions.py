@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from ogmp_sb3.randomisation import RandomisationConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.schema import Where, describe, read
 from ogmp_sb3.srb import SRB, STATE_NAMES
@@ -214,6 +215,8 @@ class EvaluationConfig:
     """what ends an episode before the time limit"""
     metrics: tuple[str, ...] = ()
     """names of metrics to report"""
+    randomisation: RandomisationConfig | None = None
+    """disturbances in the test; null: none, whatever the policy was trained with"""
 
     def __post_init__(self) -> None:
         if self.episode_steps < 1:
@@ -265,6 +268,8 @@ class TaskConfig:
     """an episode also ends when a step's reward falls below this; null: off"""
     action: ActionConfig = ActionConfig()
     """what the policy commands"""
+    randomisation: RandomisationConfig | None = None
+    """disturbances in training; null: none"""
     observations: Terms
     """observation terms in order, with parameters; null removes one"""
     rewards: Terms
@@ -321,12 +326,13 @@ class TaskConfig:
         return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
 
     def for_evaluation(self) -> TaskConfig:
-        """This task under its test protocol: no bound, no reward floor, no curriculum."""
+        """This task under its test protocol: no bound, no reward floor, no curriculum, its own randomisation."""
         return replace(
             self,
             rho=None,
             min_step_reward=None,
             curriculum=None,
+            randomisation=self.evaluation.randomisation,
             terminations=self.evaluation.terminations,
             episode_steps=self.evaluation.episode_steps,
             track=replace(self.track, length=self.evaluation.track_length),

@@ -19,7 +19,7 @@ from ogmp_sb3.checkpoints import MANIFEST, LoadedPolicy, load_policy, policy_dir
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.latent import load_encoder, reference_features
+from ogmp_sb3.latent import reference_features, task_encoder
 from ogmp_sb3.observations import CLIP, Part
 from ogmp_sb3.recipe import versions
 
@@ -113,8 +113,9 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
 
     out.mkdir(parents=True, exist_ok=True)
     models = {ACTOR: actor_model(loaded.policy)}
-    if loaded.task.uses_latent and loaded.task.encoder:
-        models[ENCODER] = encoder_model(load_encoder(loaded.task.encoder))
+    encoder = task_encoder(loaded.task)
+    if encoder is not None:
+        models[ENCODER] = encoder_model(encoder)
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
     info = {**description(loaded, env), "sha256": {name: _checksum(out / name) for name in models}}
@@ -149,9 +150,10 @@ def encoder_parity(loaded: LoadedPolicy, file: Path) -> float:
     """The greatest difference between latents of the task's references."""
     import onnxruntime
 
-    assert loaded.task.encoder is not None
+    encoder = task_encoder(loaded.task)
+    assert encoder is not None
     data = reference_data(loaded.task, PARITY_REFERENCES, seed=0)
-    expected = load_encoder(loaded.task.encoder)(data.state, data.steps)
+    expected = encoder(data.state, data.steps)
     features = reference_features(data.state).astype(np.float32)
     session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     inputs = ({"features": row[: steps + 1]} for row, steps in zip(features, data.steps, strict=True))

@@ -23,6 +23,7 @@ LAYERS = (
     {"registry", "rotations"},
     {"schema", "srb"},
     {"ranges"},
+    {"randomisation"},
     {"definitions"},
     {"config"},
     {"riccati", "terrain"},

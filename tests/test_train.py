@@ -103,9 +103,15 @@ def test_resume_goes_on_in_the_same_directory(run: Path, tmp_path: Path) -> None
     assert not th.equal(weights["action_net.weight"], after["action_net.weight"])
 
 
-@pytest.mark.parametrize("task", ["parkour", "dive"])
-def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: str, tmp_path: Path) -> None:
-    arguments = [f"task={task}", *SMALL, "seed=4", "checkpoint_interval=300"]
+DISTURBED = (
+    "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,2],sensor_noise:0.1,"
+    "push:{every:0.3,speed:0.3}}"
+)
+
+
+@pytest.mark.parametrize("task", [["task=parkour"], ["task=dive"], ["task=parkour", DISTURBED]])
+def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: list[str], tmp_path: Path) -> None:
+    arguments = [*task, *SMALL, "seed=4", "checkpoint_interval=300"]
     assert program("train", *arguments, "total_timesteps=1280", "hydra.run.dir=whole", cwd=tmp_path).returncode == 0
     assert program("train", *arguments, "total_timesteps=640", "hydra.run.dir=parts", cwd=tmp_path).returncode == 0
     again = program("train", "resume=parts", "total_timesteps=1280", cwd=tmp_path)
