@@ -41,6 +41,7 @@ LAYERS = (
     {"onnx_models", "controller"},
     {"recipe"},
     {"plotting", "logs", "cli", "episodes"},
+    {"robustness"},
     {"train", "evaluate", "check", "encode", "export", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
