@@ -21,6 +21,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 autodoc_inherit_docstrings = False  # other projects' docstrings are not reStructuredText
+autodoc_mock_imports = ["onnx", "onnxruntime"]  # of an extra
 autodoc_default_options = {"members": True, "undoc-members": True, "show-inheritance": True}
 
 html_theme = "furo"

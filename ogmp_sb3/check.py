@@ -11,9 +11,11 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.plotting import plot_references
+from ogmp_sb3.randomisation import PushConfig
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, STATE_SIZE
@@ -78,6 +80,9 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     table.add_row("observation", f"{env.observation_size} numbers: {_names(task.observations)}")
     table.add_row("reward", _names(task.rewards))
     table.add_row("action", f"{env.action_size} joint targets, nominal +- {task.action.scale:g} rad")
+    if task.randomisation is not None:
+        disturbances = vars(task.randomisation).items()
+        table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
     table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
     if task.horizon is not None and task.rho is not None:
         speeds = [r.high for ranges in task.mode_ranges.values() for key, r in ranges.items() if key == "v"]
@@ -89,6 +94,12 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
 
 def _names(terms: dict[str, dict[str, object] | None]) -> str:
     return ", ".join(name for name, given in terms.items() if given is not None)
+
+
+def _disturbance_text(name: str, found: Range | PushConfig) -> str:
+    if isinstance(found, PushConfig):
+        return f"{name} {_range_text(found.speed)} m/s every {found.every:g} s"
+    return f"{name} {_range_text(found)}"
 
 
 def _range_text(range_: Range) -> str:

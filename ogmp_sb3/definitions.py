@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from ogmp_sb3.randomisation import RandomisationConfig
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.schema import Where, describe, read
 from ogmp_sb3.srb import SRB, STATE_NAMES
 
@@ -28,50 +30,6 @@ def _all_different(name: str, entries: tuple[str, ...]) -> None:
     for entry in entries:
         if entries.count(entry) > 1:
             raise ValueError(f"'{name}' has {entry!r} twice.")
-
-
-@dataclass(frozen=True)
-class Range:
-    """One mode parameter: a fixed value, a uniform range, or a set of words."""
-
-    low: float = 0.0
-    """least value"""
-    high: float = 0.0
-    """greatest value; equal to ``low`` for a fixed parameter"""
-    words: tuple[str, ...] = ()
-    """the choices of a parameter that is a word, e.g. a direction"""
-
-    @classmethod
-    def from_data(cls, data: Any, where: Where) -> Range:
-        """Read ``0.8``, ``[0.2, 0.35]``, ``front`` or ``[front, back]``."""
-        expected = "a number, [low, high], a word or a list of words"
-        if data is None or isinstance(data, Mapping | bool):
-            raise TypeError(f"{where} must be {expected}, found {describe(data)}.")
-        if isinstance(data, str):
-            data = [data]
-        if isinstance(data, list | tuple) and data and all(isinstance(d, str) for d in data):
-            if len(set(data)) < len(data):
-                raise ValueError(f"{where} has a word twice: {', '.join(data)}.")
-            return cls(words=tuple(data))
-        if isinstance(data, list | tuple):
-            if len(data) != 2:
-                raise ValueError(f"{where} must be {expected}, found {describe(data)}.")
-            low, high = read(tuple[float, float], data, where)
-            if low > high:
-                raise ValueError(f"{where} is a reversed range: {low} > {high} (write it as [low, high]).")
-            return cls(low, high)
-        value = read(float, data, where)
-        return cls(value, value)
-
-    def towards(self, other: Range, share: float) -> Range:
-        """The range that lies ``share`` of the way (0 to 1) from this one to ``other``."""
-        if self.words:
-            return other
-        return Range(self.low + share * (other.low - self.low), self.high + share * (other.high - self.high))
-
-    def corners(self) -> tuple[float | str, ...]:
-        """The extreme values."""
-        return self.words or (self.low, self.high)
 
 
 ModeRanges = dict[str, dict[str, Range]]
@@ -257,6 +215,8 @@ class EvaluationConfig:
     """what ends an episode before the time limit"""
     metrics: tuple[str, ...] = ()
     """names of metrics to report"""
+    randomisation: RandomisationConfig | None = None
+    """disturbances in the test; null: none, whatever the policy was trained with"""
 
     def __post_init__(self) -> None:
         if self.episode_steps < 1:
@@ -308,6 +268,8 @@ class TaskConfig:
     """an episode also ends when a step's reward falls below this; null: off"""
     action: ActionConfig = ActionConfig()
     """what the policy commands"""
+    randomisation: RandomisationConfig | None = None
+    """disturbances in training; null: none"""
     observations: Terms
     """observation terms in order, with parameters; null removes one"""
     rewards: Terms
@@ -364,12 +326,13 @@ class TaskConfig:
         return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
 
     def for_evaluation(self) -> TaskConfig:
-        """This task under its test protocol: no bound, no reward floor, no curriculum."""
+        """This task under its test protocol: no bound, no reward floor, no curriculum, its own randomisation."""
         return replace(
             self,
             rho=None,
             min_step_reward=None,
             curriculum=None,
+            randomisation=self.evaluation.randomisation,
             terminations=self.evaluation.terminations,
             episode_steps=self.evaluation.episode_steps,
             track=replace(self.track, length=self.evaluation.track_length),

@@ -11,9 +11,10 @@ import numpy as np
 from ogmp_sb3 import registry
 from ogmp_sb3.course import Course
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.latent import LATENT_SIZE, LatentEncoder, load_encoder
+from ogmp_sb3.latent import LATENT_SIZE, task_encoder
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.oracles import Oracle, Plant
+from ogmp_sb3.randomisation import Disturbances
 from ogmp_sb3.reference import Reference, set_points
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.rotations import rpy_to_quat
@@ -59,18 +60,6 @@ def _bind(kinds: registry.Registry[Any], terms: dict[str, dict[str, Any] | None]
     return {name: partial(kinds.get(name), **given) for name, given in terms.items() if given is not None}
 
 
-def _load_encoder(task: TaskConfig) -> LatentEncoder | None:
-    """The task's encoder, if its latent is observed.
-
-    :raises ValueError: if the latent is observed but no encoder is named
-    """
-    if not task.uses_latent:
-        return None
-    if task.encoder is None:
-        raise ValueError(f"{task.file}: observation 'mode_latent' needs an 'encoder' (ogmp-encode trains one).")
-    return load_encoder(task.encoder)
-
-
 class BatchEnv:
     """``num_envs`` environments of a task.
 
@@ -90,13 +79,14 @@ class BatchEnv:
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.course = Course(task, num_envs)
         self._oracle = make_oracle(task)
-        self._encoder = _load_encoder(task)
+        self._encoder = task_encoder(task)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
         self._nominal = np.array(task.robot_config.nominal_joints)
+        self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
 
         self._reference = np.zeros((num_envs, self.course.most_steps + 1, STATE_SIZE))
         self._reference_quat = np.zeros((num_envs, self.course.most_steps + 1, 4))
@@ -106,10 +96,11 @@ class BatchEnv:
         self.step_count = np.zeros(num_envs, dtype=int)
         self._first_level = 1.0 if task.curriculum is None else 0.0
         self.level = np.full(num_envs, self._first_level)
+        self._rng = [np.random.default_rng() for _ in range(num_envs)]
         self._ended = np.zeros(num_envs, dtype=bool)
         self.seed(seed)
         self.reset()
-        self.observation_scale = self._signals(self.view())[1]
+        self.observation_scale = self._signals(self.view(), None)[1]
         self.seed(seed)
 
     # ------------------------------------------------------------------ interface
@@ -136,13 +127,13 @@ class BatchEnv:
 
     def seed(self, seed: int) -> None:
         """Give row ``i`` the generator of ``seed + i``, and start its curriculum anew."""
-        self._rng = [np.random.default_rng(seed + i) for i in range(self.num_envs)]
-        self._ended[:] = False
-        self.level[:] = self._first_level
+        for row in range(self.num_envs):
+            self.seed_row(row, seed + row)
 
     def seed_row(self, row: int, seed: int) -> None:
         """Give one row a generator of its own, and start its curriculum anew."""
         self._rng[row] = np.random.default_rng(seed)
+        self.disturbances.seed_row(row, self._rng[row])
         self._ended[row] = False
         self.level[row] = self._first_level
 
@@ -177,11 +168,12 @@ class BatchEnv:
         for i, row in enumerate(rows):
             ground = self.course.begin(row, self._rng[row], float(self.level[row]))
             base[i, 2] = ground + self.task.robot_config.nominal_height
+        self.sim.vary(rows, **self.disturbances.begin(rows))
         self.sim.set_terrain(rows, self.terrain[rows])
         self.sim.place(rows, base, self._nominal)
         self._query(rows)
         self._ended[rows] = False
-        return self._observe(self.view(rows))
+        return self._observe(self.view(rows), rows)
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -191,7 +183,8 @@ class BatchEnv:
         """
         task = self.task
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
-        self.sim.ctrl[:, self.sim.actuators] = targets
+        self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
+        self.sim.push(*self.disturbances.kicks(self.step_count, rows))
         self.sim.step(rows, task.substeps)
         self._phase += 1
         self.step_count += 1
@@ -233,7 +226,8 @@ class BatchEnv:
         arrays, modes = self.course.state()
         arrays |= {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
         plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
-        return arrays, plain
+        drawn, draws = self.disturbances.state()
+        return arrays | drawn, plain | draws
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
         """Go on exactly where :meth:`state` was taken, in an environment of the same task and size.
@@ -245,7 +239,9 @@ class BatchEnv:
                 raise ValueError(f"the saved state does not fit this task and {self.num_envs} environments ({name}).")
             getattr(self, name)[...] = arrays[name]
         self.course.set_state(arrays, plain["modes"])
+        self.disturbances.set_state(arrays, plain)
         every = np.arange(self.num_envs)
+        self.sim.vary(every, **self.disturbances.robots(every))
         self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(every, self.terrain)
         self.sim.batch.state[...] = arrays["sim"]
@@ -274,7 +270,7 @@ class BatchEnv:
             base_angvel_b=qvel[:, v + 3 : v + 6],
             joint_pos=joint_pos,
             joint_vel=joint_vel,
-            torque=sim.kp * (sim.ctrl[every].take(sim.actuators, axis=1) - joint_pos) - sim.kd * joint_vel,
+            torque=sim.torque(every, joint_pos, joint_vel),
             body_contact=sim.body_contact()[every],
             terrain=terrain,
             ground_height=height_at(terrain, position[:, None, :2])[:, 0],
@@ -302,12 +298,17 @@ class BatchEnv:
             which[mask] = i
         return np.array([*(name for name, _ in rules), RUNNING])[which]
 
-    def _signals(self, view: EnvView) -> tuple[np.ndarray, np.ndarray]:
-        signals: list[Signal] = [term(view) for term in self._observations.values()]
-        return np.concatenate([s.value for s in signals], axis=1), np.concatenate([s.scale for s in signals])
+    def _signals(self, view: EnvView, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Values and scales of the observation, as the sensors of some environments (by default all) give it."""
+        values, scales = [], []
+        for name, term in self._observations.items():
+            signal: Signal = term(view)
+            values.append(self.disturbances.measured(name, signal.value, signal.scale, rows))
+            scales.append(signal.scale)
+        return np.concatenate(values, axis=1), np.concatenate(scales)
 
-    def _observe(self, view: EnvView) -> np.ndarray:
-        value, scale = self._signals(view)
+    def _observe(self, view: EnvView, rows: np.ndarray | None = None) -> np.ndarray:
+        value, scale = self._signals(view, rows)
         observation = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
         observation[~np.isfinite(observation)] = 0.0  # of a simulation that exploded
         return observation

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -17,18 +16,18 @@ from rich.table import Table
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.logs import progress_bar
-from ogmp_sb3.metrics import EpisodeRecord
-from ogmp_sb3.plotting import plot_grid
+from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
+from ogmp_sb3.plotting import plot_grid, plot_robustness
+from ogmp_sb3.ranges import Range
+from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
 CELL_EPISODES = 10
 GRID_POINTS = 7
-
-Summary = dict[str, float | int | list[float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +41,7 @@ class EvalConfig:
     max_distance: float = cli.option("endless: an episode is over this far along the track, m", 200.0)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
+    robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
 
     def __post_init__(self) -> None:
@@ -51,6 +51,8 @@ class EvalConfig:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
         if self.max_distance <= 0:
             raise ValueError(f"'max_distance' must be above 0, found {self.max_distance:g}.")
+        if self.robustness and self.grid:
+            raise ValueError("'robustness' and 'grid' are two evaluations: give one of them.")
 
 
 HELP = cli.usage(
@@ -63,32 +65,12 @@ HELP = cli.usage(
         "ogmp-eval run=parkour scene=pace_to_jump",
         "ogmp-eval run=parkour grid=jump.w,jump.h",
         "ogmp-eval run=parkour grid=leap.w:0.1:0.6:6,leap.run_up:0.2:0.6:5",
+        "ogmp-eval run=parkour robustness=true randomisation.push.speed=0.5",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
     ],
     EvalConfig,
     "any other key of the task file, e.g. modes.leap.w=0.5, evaluation.episode_steps=800",
 )
-
-
-def summarise(values: Iterable[float]) -> Summary:
-    """Mean, standard deviation, n and a 95 % confidence interval of the mean.
-
-    Values that are all 0 or 1 get Wilson's interval, which holds near 0 and 1; others the normal one.
-    """
-    x = np.array(list(values), dtype=float)
-    n, mean = len(x), float(x.mean())
-    std = float(x.std(ddof=1)) if n > 1 else 0.0
-    z = 1.959964
-    fraction = bool(np.isin(x, (0.0, 1.0)).all())
-    if fraction:
-        centre = (mean + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * math.sqrt(mean * (1 - mean) / n + z * z / (4 * n * n))
-    else:
-        centre, half = mean, z * std / math.sqrt(n)
-    low, high = centre - half, centre + half
-    if fraction:
-        low, high = max(min(low, mean), 0.0), min(max(high, mean), 1.0)
-    return {"mean": mean, "std": std, "n": n, "ci95": [low, high]}
 
 
 def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
@@ -109,12 +91,17 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
     return {group: evaluate(task, members) for group, members in sorted(groups.items())}
 
 
-def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
-    """The task under the protocol wanted, with the user's overrides."""
+def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
+    """The task as in training, with the user's overrides."""
     data = apply_overrides(copy.deepcopy(loaded.task_data), overrides, PROGRAM)
     if config.scene:
         apply_scene(data, config.scene)
-    task = task_from_data(data, loaded.task_path).for_evaluation()
+    return task_from_data(data, loaded.task_path)
+
+
+def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
+    """The task under the protocol wanted, with the user's overrides."""
+    task = training_task(loaded, overrides, config).for_evaluation()
     if config.protocol == "endless":
         steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
         task = replace(task, track=replace(task.track, length=None), episode_steps=steps)
@@ -188,6 +175,7 @@ def _run(arguments: list[str]) -> None:
     task = protocol_task(loaded, overrides, config)
     out = Path(config.out) if config.out else _default_out(loaded, config)
     out.mkdir(parents=True, exist_ok=True)
+    distance = config.max_distance if config.protocol == "endless" else None
     console = Console()
     report: dict[str, Any] = {
         "run": str(loaded.path),
@@ -205,8 +193,17 @@ def _run(arguments: list[str]) -> None:
         _write(out, report)
         plot_grid(report["grid"], "return", out / "grid.png")
         console.print(f"{out / 'grid.png'}")
+    elif config.robustness:
+        sweeps = disturbance_sweeps(training_task(loaded, overrides, config).randomisation)
+        with progress_bar(config.episodes * episode_sets(sweeps), "episode") as bar:
+            report["robustness"] = play_sweeps(
+                sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update
+            )
+        _write(out, report)
+        write_csv(report["robustness"], out / "robustness.csv")
+        plot_robustness(report["robustness"], out / "robustness.png")
+        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}")
     else:
-        distance = config.max_distance if config.protocol == "endless" else None
         with progress_bar(config.episodes, "episode") as bar:
             records = play_episodes(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
         report["metrics"] = evaluate(task, records)

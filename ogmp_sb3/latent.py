@@ -18,6 +18,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.rotations import rpy_to_quat
 from ogmp_sb3.srb import OMEGA, POS, RPY, VEL
@@ -82,6 +83,19 @@ def load_encoder(name_or_path: str) -> LatentEncoder:
     except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a readable encoder ({error}).") from None
     return LatentEncoder(mean, std, tuple(np.ascontiguousarray(w.T, dtype=float) for w in weights))
+
+
+def task_encoder(task: TaskConfig) -> LatentEncoder | None:
+    """The task's encoder, if its latent is observed.
+
+    :raises ValueError: if the latent is observed but no encoder is named
+    :raises KeyError: if there is no such encoder
+    """
+    if not task.uses_latent:
+        return None
+    if task.encoder is None:
+        raise ValueError(f"{task.file}: observation 'mode_latent' needs an 'encoder' (ogmp-encode trains one).")
+    return load_encoder(task.encoder)
 
 
 def encoder_dir(name_or_path: str) -> Path:

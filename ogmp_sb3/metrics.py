@@ -1,7 +1,9 @@
-"""Metrics and true objectives: pure functions of one episode's record."""
+"""Metrics and true objectives: pure functions of one episode's record; and what many episodes say together."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,8 @@ import numpy as np
 from ogmp_sb3.registry import metrics, objectives
 from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.srb import GRAVITY
+
+Summary = dict[str, float | int | list[float]]
 
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
@@ -132,3 +136,24 @@ def flip_angle(quat: np.ndarray, direction: str) -> float:
     norm = np.linalg.norm(delta[:, 1:], axis=1)
     angle = 2.0 * np.arctan2(norm, delta[:, 0])
     return float(sign * (angle * delta[:, 1 + axis] / np.maximum(norm, 1e-12)).sum())
+
+
+def summarise(values: Iterable[float]) -> Summary:
+    """Mean, standard deviation, n and a 95 % confidence interval of the mean.
+
+    Values that are all 0 or 1 get Wilson's interval, which holds near 0 and 1; others the normal one.
+    """
+    x = np.array(list(values), dtype=float)
+    n, mean = len(x), float(x.mean())
+    std = float(x.std(ddof=1)) if n > 1 else 0.0
+    z = 1.959964
+    fraction = bool(np.isin(x, (0.0, 1.0)).all())
+    if fraction:
+        centre = (mean + z * z / (2 * n)) / (1 + z * z / n)
+        half = z / (1 + z * z / n) * math.sqrt(mean * (1 - mean) / n + z * z / (4 * n * n))
+    else:
+        centre, half = mean, z * std / math.sqrt(n)
+    low, high = centre - half, centre + half
+    if fraction:
+        low, high = max(min(low, mean), 0.0), min(max(high, mean), 1.0)
+    return {"mean": mean, "std": std, "n": n, "ci95": [low, high]}

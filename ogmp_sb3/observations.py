@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,14 @@ CLIP = 50.0  # observations are clipped to this many scales, which makes their b
 DEEPEST = 1.0  # m: ground further below the base's ground than this looks the same
 
 
+class Part(NamedTuple):
+    """A stretch of an observation that holds one quantity."""
+
+    name: str
+    unit: str
+    size: int
+
+
 @dataclass(frozen=True)
 class Signal:
     """One observation term."""
@@ -22,6 +31,8 @@ class Signal:
     """shape (num_envs, size), SI units"""
     scale: np.ndarray
     """typical size of each component, shape (size,): a normaliser must not divide by less"""
+    parts: tuple[Part, ...] = ()
+    """what stands where, for those who rebuild the observation elsewhere; empty: one quantity without a unit"""
 
 
 @observations.register()
@@ -29,6 +40,14 @@ def proprioception(view: EnvView) -> Signal:
     """Height over the terrain (1), quaternion (4), joint positions, body-frame velocities (3 + 3), joint rates."""
     height = view.base_pos_w[:, 2] - np.maximum(view.ground_height, view.base_pos_w[:, 2] - 2.0)
     joints = view.joint_pos.shape[1]
+    parts = (
+        Part("base_height", "m", 1),
+        Part("base_quat", "1", 4),
+        Part("joint_pos", "rad", joints),
+        Part("base_linvel_b", "m/s", 3),
+        Part("base_angvel_b", "rad/s", 3),
+        Part("joint_vel", "rad/s", joints),
+    )
     value = np.concatenate(
         [
             height[:, None],
@@ -40,15 +59,16 @@ def proprioception(view: EnvView) -> Signal:
         ],
         axis=1,
     )
-    sizes, scales = (1, 4, joints, 3, 3, joints), (0.1, 0.1, 0.3, 0.3, 1.0, 3.0)
-    return Signal(value, np.repeat(scales, sizes))
+    scale = np.repeat((0.1, 0.1, 0.3, 0.3, 1.0, 3.0), [part.size for part in parts])
+    return Signal(value, scale, parts)
 
 
 @observations.register()
 def clock(view: EnvView) -> Signal:
     """Sine and cosine of the phase between oracle queries (paper: c_t)."""
     angle = 2.0 * np.pi * view.phase / view.period
-    return Signal(np.stack([np.sin(angle), np.cos(angle)], axis=1), np.full(2, 0.7))
+    value = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    return Signal(value, np.full(2, 0.7), (Part("clock_sin", "1", 1), Part("clock_cos", "1", 1)))
 
 
 @observations.register()
@@ -62,10 +82,11 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
         raise ValueError(f"observation 'height_scan' needs at least 1 of 'points', found {points}.")
     heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
     relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
-    return Signal(relative, np.full(points, 0.1))
+    return Signal(relative, np.full(points, 0.1), (Part("height_scan", "m", points),))
 
 
 @observations.register()
 def mode_latent(view: EnvView) -> Signal:
     """What the task's encoder makes of the coming reference (paper: z_t)."""
-    return Signal(view.latent, np.full(view.latent.shape[1], 0.5))
+    size = view.latent.shape[1]
+    return Signal(view.latent, np.full(size, 0.5), (Part("mode_latent", "1", size),))

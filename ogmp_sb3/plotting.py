@@ -39,6 +39,36 @@ def plot_grid(grid: dict[str, Any], metric: str, path: Path) -> None:
     plt.close(figure)
 
 
+def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
+    """Fraction of episodes without a fall over the size of each disturbance, with 95 % intervals.
+
+    :param results: ``robustness`` of an evaluation's ``metrics.json``
+    :param path: picture to write
+    """
+    columns = min(len(results), 3)
+    rows = -(-len(results) // columns)
+    figure, grid = plt.subplots(
+        rows, columns, figsize=(3.6 * columns, 2.8 * rows), sharey=True, squeeze=False, layout="constrained"
+    )
+    for axes in grid.flat[len(results) :]:
+        axes.axis("off")
+    for axes, result in zip(grid.flat, results, strict=False):
+        value = [point["value"] for point in result["points"]]
+        mean = np.array([point["no_fall_fraction"]["mean"] for point in result["points"]])
+        interval = np.array([point["no_fall_fraction"]["ci95"] for point in result["points"]]).T
+        if result["declared"]:
+            axes.axvspan(*result["declared"], color="0.9", linewidth=2)
+        axes.errorbar(value, mean, np.abs(interval - mean), marker="o", markersize=4, capsize=3, color=COLOURS["lqr"])
+        axes.set(xlabel=result["label"], ylim=(-0.03, 1.03))
+        axes.grid(alpha=0.3)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("episodes without a fall")
+    if any(result["declared"] for result in results):
+        figure.suptitle("Grey: declared in the task", fontsize="medium")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
 def plot_references(
     panels: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]], dt: float, path: Path
 ) -> None:

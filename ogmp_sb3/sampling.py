@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.modes import Segment
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import modes
 
 

@@ -103,6 +103,7 @@ class Simulation:
         self.actuators = np.array([model.actuator(name).id for name in robot.joints])
         self.kp = model.actuator_gainprm[self.actuators, 0].copy()
         self.kd = -model.actuator_biasprm[self.actuators, 2].copy()
+        self.gain_factor = np.ones((num_envs, 1))  # on both gains, see vary
         self._body_contacts = self._contact_addresses(robot)
 
         self._first_box = model.geom("terrain_0").id
@@ -132,6 +133,42 @@ class Simulation:
         self._geom_size[rows, self._boxes] = half
         self._geom_rbound[rows, self._boxes] = np.linalg.norm(half, axis=-1)
 
+    def vary(
+        self,
+        rows: np.ndarray,
+        mass: np.ndarray | None = None,
+        friction: np.ndarray | None = None,
+        gains: np.ndarray | None = None,
+    ) -> None:
+        """Change the robots of some simulations; what is None is left alone.
+
+        :param rows: simulations, shape (n,), int
+        :param mass: factor on mass and inertia of every body, shape (n,)
+        :param friction: sliding friction coefficient of every geom, shape (n,)
+        :param gains: factor on kp and kd of every servo, shape (n,)
+        """
+        model, batch = self.model, self.batch
+        if mass is not None:
+            batch.expand("body_mass")[rows] = mass[:, None] * model.body_mass
+            batch.expand("body_inertia")[rows] = mass[:, None, None] * model.body_inertia
+            batch.set_const(rows)
+        if friction is not None:
+            batch.expand("geom_friction")[rows, :, 0] = friction[:, None]
+        if gains is not None:
+            self.gain_factor[rows] = gains[:, None]
+            servos = rows[:, None], self.actuators
+            batch.expand("actuator_gainprm")[*servos, 0] = gains[:, None] * self.kp
+            batch.expand("actuator_biasprm")[*servos, 1] = -gains[:, None] * self.kp
+            batch.expand("actuator_biasprm")[*servos, 2] = -gains[:, None] * self.kd
+
+    def push(self, rows: np.ndarray, velocity: np.ndarray) -> None:
+        """Change the horizontal velocity of some robots at once.
+
+        :param rows: simulations, shape (n,), int
+        :param velocity: change, world frame, shape (n, 2), m/s
+        """
+        self.qvel[rows, self.base_qvel : self.base_qvel + 2] += velocity
+
     def place(self, rows: np.ndarray, base_pos: np.ndarray, joint_pos: np.ndarray) -> None:
         """Put robots down at rest, upright, with the controls at their joint positions.
 
@@ -153,6 +190,16 @@ class Simulation:
         :param substeps: physics steps
         """
         self.batch.step(rows, substeps)
+
+    def torque(self, rows: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+        """PD torque before the limits, shape (n, joints), N m.
+
+        :param rows: simulations, shape (n,), int
+        :param joint_pos: shape (n, joints), rad
+        :param joint_vel: shape (n, joints), rad/s
+        """
+        error = self.ctrl[rows].take(self.actuators, axis=1) - joint_pos
+        return self.gain_factor[rows] * (self.kp * error - self.kd * joint_vel)  # type: ignore[no-any-return]
 
     def body_contact(self) -> np.ndarray:
         """Whether anything but a foot touches the terrain, shape (num_envs,), bool."""

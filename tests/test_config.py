@@ -26,10 +26,9 @@ from ogmp_sb3.config import (
     task_path,
 )
 from ogmp_sb3.definitions import MAX_SUBSTEPS, Range, RobotConfig, TaskConfig
-from ogmp_sb3.schema import Where, read_yaml
+from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 
-HERE = Where("t.yaml", "h")
 SHIPPED = {name: read_yaml(TASKS_DIR / f"{name}.yaml") for name in ("dive", "parkour")}
 ROBOT = read_yaml(ROBOTS_DIR / "hector" / "robot.yaml")
 MISSING = object()
@@ -67,57 +66,6 @@ def sentence(kind: type[Exception], path: Path | str, overrides: Any = ()) -> st
     assert message.count(name) == 1
     assert message[-1] in ".?"
     return message
-
-
-# ---- Range ----
-
-
-@pytest.mark.parametrize(
-    ("data", "expected"),
-    [
-        (0.8, Range(0.8, 0.8)),
-        (1, Range(1.0, 1.0)),
-        ([0.2, 0.35], Range(0.2, 0.35)),
-        ((0.2, 0.2), Range(0.2, 0.2)),
-        ("front", Range(words=("front",))),
-        (["front", "back"], Range(words=("front", "back"))),
-    ],
-)
-def test_a_range_is_a_number_a_pair_or_words(data: Any, expected: Range) -> None:
-    assert Range.from_data(data, HERE) == expected
-
-
-@pytest.mark.parametrize(
-    ("data", "kind", "message"),
-    [
-        ([0.3, 0.2], ValueError, r"'h' is a reversed range: 0\.3 > 0\.2 \(write it as \[low, high\]\)\."),
-        ([], ValueError, r"must be a number, \[low, high\], a word or a list of words, found the list \[\]"),
-        ([1], ValueError, r"must be a number, .*found the list \[1\]"),
-        ([1, 2, 3], ValueError, r"must be a number, .*found the list \[1, 2, 3\]"),
-        (["front", "front"], ValueError, "has a word twice"),
-        ([math.nan, 1], ValueError, r"'h\.0' must be finite, found nan"),
-        (math.inf, ValueError, "must be finite, found inf"),
-        (["front", 1], TypeError, r"'h\.0' must be a number, found the text 'front'"),
-        (None, TypeError, r"must be a number, .*found nothing \(null\)"),
-        (True, TypeError, "must be a number, .*found the value True"),
-        ({"low": 1}, TypeError, "must be a number, .*found a mapping"),
-    ],
-)
-def test_anything_else_is_no_range(data: Any, kind: type[Exception], message: str) -> None:
-    with pytest.raises(kind, match=rf"^t\.yaml: .*{message}"):
-        Range.from_data(data, HERE)
-
-
-def test_a_range_moves_in_a_straight_line_towards_another() -> None:
-    start, end = Range(0.0, 1.0), Range(2.0, 5.0)
-    assert start.towards(end, 0.0) == start
-    assert start.towards(end, 1.0) == end
-    assert start.towards(end, 0.5) == Range(1.0, 3.0)
-
-
-def test_corners_are_the_extremes_or_the_words() -> None:
-    assert Range(1.0, 2.0).corners() == (1.0, 2.0)
-    assert Range(words=("a", "b", "c")).corners() == ("a", "b", "c")
 
 
 # ---- RobotConfig ----

@@ -275,3 +275,66 @@ def test_threads_change_nothing_bit_for_bit() -> None:
     assert not np.array_equal(states[0][0], states[0][1])
     np.testing.assert_array_equal(states[0], states[1])
     np.testing.assert_array_equal(states[0], states[2])
+
+
+# ---- robots of one's own ----
+
+
+def test_a_heavier_robot_is_the_one_that_mujoco_makes_of_heavier_bodies() -> None:
+    sim = simulation(3)
+    sim.vary(np.array([0, 2]), mass=np.array([0.5, 1.3]))
+    for row, factor in enumerate((0.5, 1.0, 1.3)):
+        model = build_model(HECTOR, PHYSICS_DT, BOXES)
+        model.body_mass *= factor
+        model.body_inertia *= factor
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        varied = sim.batch.get_model(row)
+        for field in ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0"):
+            np.testing.assert_allclose(getattr(varied, field), getattr(model, field), rtol=1e-12, err_msg=field)
+
+
+def test_the_ground_carries_the_weight_of_a_heavier_robot() -> None:
+    sim = simulation(2)
+    sim.vary(np.arange(2), mass=np.array([1.0, 1.5]))
+    put(sim, [[0, 0, 0.5]] * 2)
+    sim.step(None, 1500)
+    for row, factor in enumerate((1.0, 1.5)):
+        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        mujoco.mj_forward(model, data)
+        assert data.qfrc_constraint[2] == pytest.approx(factor * 14.046 * 9.81, rel=0.05)
+
+
+def test_friction_is_that_of_every_contact_of_its_row() -> None:
+    sim = simulation(2)
+    sim.vary(np.array([1]), friction=np.array([0.35]))
+    put(sim, [[0, 0, 0.5]] * 2)
+    sim.step(None, 50)
+    for row, friction in enumerate((1.0, 0.35)):
+        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        mujoco.mj_forward(model, data)
+        assert data.ncon > 0
+        np.testing.assert_allclose([contact.friction[:2] for contact in data.contact], friction)
+
+
+def test_torques_are_those_of_the_servos_with_their_gains() -> None:
+    sim = simulation(3)
+    sim.vary(np.array([0, 2]), gains=np.array([0.5, 1.4]))
+    put(sim, [[0, 0, 3.0]] * 3)
+    rng = np.random.default_rng(0)
+    sim.ctrl[:] = rng.uniform(-0.3, 0.3, sim.ctrl.shape)
+    sim.qvel[:, 6:] = rng.uniform(-1, 1, (3, 10))
+    torque = sim.torque(np.arange(3), sim.qpos[:, sim.joint_qpos], sim.qvel[:, sim.joint_qvel])
+    for row, factor in enumerate((0.5, 1.0, 1.4)):
+        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(torque[row], data.actuator_force, rtol=1e-9)
+        np.testing.assert_allclose(torque[row] / factor, 30.0 * (sim.ctrl[row] - 0.0) - 0.5 * sim.qvel[row, 6:])
+
+
+def test_a_push_changes_the_horizontal_velocity_of_its_rows_alone() -> None:
+    sim = simulation(3)
+    sim.qvel[:] = 1.0
+    sim.push(np.array([0, 2]), np.array([[0.5, -0.5], [2.0, 0.0]]))
+    expected = np.ones_like(sim.qvel)
+    expected[0, :2], expected[2, :2] = (1.5, 0.5), (3.0, 1.0)
+    np.testing.assert_array_equal(sim.qvel, expected)

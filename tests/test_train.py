@@ -92,9 +92,15 @@ def test_help_needs_no_task() -> None:
     assert "ogmp-train task=parkour rho=0.5" in done.stdout
 
 
-@pytest.mark.parametrize("task", ["parkour", "dive"])
-def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: str, tmp_path: Path) -> None:
-    arguments = [f"task={task}", *SMALL, "seed=4", "checkpoint_interval=300"]
+DISTURBED = (
+    "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,2],sensor_noise:0.1,"
+    "push:{every:0.3,speed:0.3}}"
+)
+
+
+@pytest.mark.parametrize("task", [["task=parkour"], ["task=dive"], ["task=parkour", DISTURBED]])
+def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: list[str], tmp_path: Path) -> None:
+    arguments = [*task, *SMALL, "seed=4", "checkpoint_interval=300"]
     assert program("train", *arguments, "total_timesteps=1280", "hydra.run.dir=whole", cwd=tmp_path).returncode == 0
     assert program("train", *arguments, "total_timesteps=640", "hydra.run.dir=parts", cwd=tmp_path).returncode == 0
     again = program("train", "resume=parts", "total_timesteps=1280", cwd=tmp_path)
@@ -259,7 +265,8 @@ def test_encode_writes_an_encoder_found_by_name(tmp_path: Path) -> None:
 
 
 def test_check_validates_lists_and_draws(tmp_path: Path) -> None:
-    done = program("check", "dive", f"out={tmp_path}", cwd=tmp_path)
+    done = program("check", "dive", f"out={tmp_path}", "randomisation.mass=[0.9,1.1]", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "preview" in done.stdout and "flip" in done.stdout
+    assert "mass 0.9..1.1" in done.stdout
     assert (tmp_path / "references.png").stat().st_size > 5000

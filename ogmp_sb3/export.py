@@ -1,0 +1,207 @@
+"""``ogmp-export``: a policy as ONNX, with all that a controller elsewhere needs to know about it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+from ogmp_sb3 import cli, registry
+from ogmp_sb3.checkpoints import MANIFEST, LoadedPolicy, load_policy, policy_dir, verify
+from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.encoder import reference_data
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.latent import reference_features, task_encoder
+from ogmp_sb3.observations import CLIP, Part
+from ogmp_sb3.recipe import versions
+
+if TYPE_CHECKING:
+    from ogmp_sb3.controller import Controller
+
+PROGRAM = "ogmp-export"
+FORMAT = 1
+FEATURE_NAMES = ("x - x0", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz")
+ACTOR, ENCODER, INFO = "policy.onnx", "encoder.onnx", "policy.json"
+PARITY_STEPS = 1000
+PARITY_REFERENCES = 50  # of each mode
+TOLERANCE = 1e-5  # greatest difference from PyTorch
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig:
+    """Keys of the command line."""
+
+    run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
+    out: str = cli.option("directory to write")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "write a policy as ONNX, with its observations, actions and gains as JSON and an example controller.",
+    ["ogmp-export run=runs/parkour/2026-01-31_12-00-00 out=exported", "ogmp-export run=parkour out=exported"],
+    ExportConfig,
+)
+
+
+def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
+    """What stands where in an observation: term, name, slice, unit, and the typical size of the quantity."""
+    view, components, start = env.view(), [], 0
+    for term, given in env.task.observations.items():
+        if given is None:
+            continue
+        signal = registry.observations.get(term)(view, **given)
+        begin = start
+        for part in signal.parts or (Part(term, "", len(signal.scale)),):
+            end = start + part.size
+            scale = signal.scale[start - begin : end - begin].tolist()
+            components.append(
+                {"term": term, "name": part.name, "slice": [start, end], "unit": part.unit, "scale": scale}
+            )
+            start = end
+    return components
+
+
+def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
+    """The content of ``policy.json``, but for the checksums of the files beside it."""
+    task, sim, lstm = loaded.task, env.sim, loaded.policy.lstm_actor
+    limits = sim.model.actuator_forcerange[sim.actuators]
+    return {
+        "format": FORMAT,
+        "task": task.name,
+        "oracle": task.oracle,
+        "horizon": task.horizon,
+        "rho": task.rho,
+        "control_dt": task.control_dt,
+        "control_rate_hz": 1.0 / task.control_dt,
+        "physics_dt": task.physics_dt,
+        "observation": {
+            "size": env.observation_size,
+            "clip": CLIP,
+            "terms": {name: given for name, given in task.observations.items() if given is not None},
+            "components": observation_components(env),
+        },
+        "action": {
+            "joints": list(task.robot_config.joints),
+            "nominal": list(task.robot_config.nominal_joints),
+            "scale": task.action.scale,
+            "unit": "rad",
+            "formula": "joint_target = nominal + scale * action",
+        },
+        "encoder_features": list(FEATURE_NAMES) if task.uses_latent else None,
+        "gains": {"kp": sim.kp.tolist(), "kd": sim.kd.tolist(), "torque_limit": limits[:, 1].tolist()},
+        "network": {"layers": lstm.num_layers, "hidden": lstm.hidden_size},
+        "num_timesteps": loaded.info.get("num_timesteps"),
+        "versions": {
+            "training": loaded.info.get("versions"),
+            "export": {**versions(), **{name: metadata.version(name) for name in ("onnx", "onnxruntime")}},
+        },
+        "source_sha256": _checksum(loaded.path / "policy.safetensors"),
+    }
+
+
+def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
+    """Write models, description and example controller."""
+    from ogmp_sb3.onnx_models import actor_model, encoder_model
+
+    out.mkdir(parents=True, exist_ok=True)
+    models = {ACTOR: actor_model(loaded.policy)}
+    encoder = task_encoder(loaded.task)
+    if encoder is not None:
+        models[ENCODER] = encoder_model(encoder)
+    for name, model in models.items():
+        (out / name).write_bytes(model.SerializeToString())
+    info = {**description(loaded, env), "sha256": {name: _checksum(out / name) for name in models}}
+    (out / INFO).write_text(json.dumps(info, indent=1), encoding="utf-8")
+    shutil.copy(PACKAGE / "controller.py", out / "controller.py")
+
+
+def parity(loaded: LoadedPolicy, env: BatchEnv, controller: Controller) -> tuple[float, np.ndarray]:
+    """Run the policy through episodes, with the exported one beside it on the same observations.
+
+    :param env: one environment
+    :return: the greatest difference of an action, and the time of each step of the controller, s
+    """
+    observation, state, start = env.reset(), None, np.ones(1, dtype=bool)
+    controller.reset()
+    difference, seconds = 0.0, np.zeros(PARITY_STEPS)
+    for k in range(PARITY_STEPS):
+        action, state = loaded.policy.predict(observation, state, start, deterministic=True)
+        began = time.perf_counter()
+        exported = controller.act(observation[0])
+        seconds[k] = time.perf_counter() - began
+        difference = max(difference, float(np.abs(exported - action[0]).max()))
+        result = env.step(action)
+        observation, start = result.observation, result.terminated | result.truncated
+        if start[0]:
+            observation = env.reset()
+            controller.reset()
+    return difference, seconds
+
+
+def encoder_parity(loaded: LoadedPolicy, file: Path) -> float:
+    """The greatest difference between latents of the task's references."""
+    import onnxruntime
+
+    encoder = task_encoder(loaded.task)
+    assert encoder is not None
+    data = reference_data(loaded.task, PARITY_REFERENCES, seed=0)
+    expected = encoder(data.state, data.steps)
+    features = reference_features(data.state).astype(np.float32)
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    inputs = ({"features": row[: steps + 1]} for row, steps in zip(features, data.steps, strict=True))
+    found = np.concatenate([session.run(["latent"], each)[0] for each in inputs])
+    return float(np.abs(found - expected).max())
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _check(what: str, difference: float, out: Path) -> None:
+    if not difference < TOLERANCE:
+        raise ValueError(f"{out}: the {what} strays from PyTorch by {difference:.1e}, over {TOLERANCE:g}: not usable.")
+
+
+def _run(arguments: list[str]) -> None:
+    config, _ = cli.parse(ExportConfig, arguments, PROGRAM)
+    try:
+        from ogmp_sb3.controller import Controller
+    except ImportError as error:
+        raise ValueError(f'{error.name} is missing: pip install "ogmp_sb3[export]".') from None
+    folder, out = policy_dir(config.run), Path(config.out)
+    if (out / "policy.safetensors").exists():
+        raise ValueError(f"{out} holds a policy of its own, whose policy.json would be lost: name another 'out'.")
+    if (folder / MANIFEST).is_file():
+        verify(folder)
+    loaded = load_policy(folder)
+    env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)
+    export(loaded, env, out)
+
+    difference, seconds = parity(loaded, env, Controller(out))
+    _check("actor", difference, out)
+    console = Console()
+    console.print(f"{out}: {', '.join(sorted(file.name for file in out.iterdir()))}")
+    console.print(f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}.")
+    if (out / ENCODER).exists():
+        difference = encoder_parity(loaded, out / ENCODER)
+        _check("encoder", difference, out)
+        console.print(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
+    median, slow = 1e3 * np.quantile(seconds, (0.5, 0.99))
+    console.print(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

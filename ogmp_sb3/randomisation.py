@@ -1,0 +1,182 @@
+"""Domain randomisation: disturbances that are drawn anew for every episode of every environment.
+
+What a task declares, and what is drawn from it. Nothing here knows the simulator: :class:`~ogmp_sb3.sim.Simulation`
+changes bodies, contacts and servos, :class:`~ogmp_sb3.env.BatchEnv` passes actions and observations through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3.ranges import Range
+
+MAX_LATENCY = 100  # control steps; more is a slip of the pen
+NOISY = ("proprioception",)  # observation terms that sensors measure
+NONE_DUE = (np.zeros(0, dtype=int), np.zeros((0, 2)))
+
+
+def _at_least(name: str, found: Range | None, least: float, above: bool = False) -> None:
+    if found is None:
+        return
+    if found.words:
+        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(found.words)}.")
+    if found.low < least or (above and found.low == least):
+        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {found.low:g}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushConfig:
+    """Kicks: the base's velocity changes at once, in a random horizontal direction."""
+
+    every: float
+    """time between kicks, s; the first comes at a random time within it"""
+    speed: Range
+    """change of velocity, drawn for every kick, m/s"""
+
+    def __post_init__(self) -> None:
+        if not self.every > 0:
+            raise ValueError(f"'every' must be above 0, found {self.every:g}.")
+        _at_least("speed", self.speed, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomisationConfig:
+    """The disturbances in use; each is a number, ``[low, high]`` drawn uniformly at reset, or null for none."""
+
+    mass: Range | None = None
+    """factor on mass and inertia of all bodies together"""
+    friction: Range | None = None
+    """sliding friction coefficient of everything that touches"""
+    gains: Range | None = None
+    """factor on kp and kd of all servos together"""
+    latency: Range | None = None
+    """how long an action is held back, whole control steps"""
+    sensor_noise: Range | None = None
+    """standard deviation of white noise on the observation ``proprioception``, in its scales"""
+    push: PushConfig | None = None
+    """kicks during the episode"""
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "friction", "gains"):
+            _at_least(name, getattr(self, name), 0.0, above=True)
+        for name in ("latency", "sensor_noise"):
+            _at_least(name, getattr(self, name), 0.0)
+        if self.latency is not None:
+            for steps in (self.latency.low, self.latency.high):
+                if steps != round(steps) or steps > MAX_LATENCY:
+                    raise ValueError(f"'latency' must be whole control steps up to {MAX_LATENCY}, found {steps:g}.")
+
+
+class Disturbances:
+    """What was drawn for every environment.
+
+    The generators are apart from those of the tracks, so that tracks are the same with and without disturbances.
+
+    :param config: the disturbances in use; None for none
+    :param num_envs: number of environments
+    :param nominal: joint targets before the first action, shape (joints,), rad
+    :param control_dt: control step, s
+    """
+
+    def __init__(
+        self, config: RandomisationConfig | None, num_envs: int, nominal: np.ndarray, control_dt: float
+    ) -> None:
+        self.config = config = config or RandomisationConfig()
+        self._rng = [np.random.default_rng() for _ in range(num_envs)]
+        self._ranges = {name: value for name, value in vars(config).items() if isinstance(value, Range)}
+        self._arrays = {name: np.zeros(num_envs) for name in self._ranges}
+        self._nominal = nominal
+        if config.latency is not None:
+            shape = (num_envs, int(config.latency.high) + 1, len(nominal))
+            self._arrays["targets"] = np.broadcast_to(nominal, shape).copy()  # newest first
+        if config.push is not None:
+            self._push_steps = max(round(config.push.every / control_dt), 1)
+            self._arrays["first_push"] = np.zeros(num_envs)
+
+    def seed_row(self, row: int, rng: np.random.Generator) -> None:
+        """Give an environment a generator spawned from its own one."""
+        self._rng[row] = rng.spawn(1)[0]
+
+    def begin(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Draw anew for the next episodes of some environments; returns what :meth:`robots` does."""
+        arrays = self._arrays
+        for row in rows:
+            rng = self._rng[row]
+            for name, range_ in self._ranges.items():
+                if name == "latency":
+                    arrays[name][row] = rng.integers(int(range_.low), int(range_.high), endpoint=True)
+                else:
+                    arrays[name][row] = rng.uniform(range_.low, range_.high)
+            if self.config.push is not None:
+                arrays["first_push"][row] = rng.integers(self._push_steps)
+        if self.config.latency is not None:
+            arrays["targets"][rows] = self._nominal
+        return self.robots(rows)
+
+    def robots(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """What :meth:`~ogmp_sb3.sim.Simulation.vary` is to change in some environments."""
+        return {name: self._arrays[name][rows] for name in ("mass", "friction", "gains") if name in self._arrays}
+
+    def delayed(self, targets: np.ndarray) -> np.ndarray:
+        """The joint targets that reach the servos now, shape (num_envs, joints)."""
+        if self.config.latency is None:
+            return targets
+        held = self._arrays["targets"]
+        held[:, 1:] = held[:, :-1].copy()
+        held[:, 0] = targets
+        return held[np.arange(len(held)), self._arrays["latency"].astype(int)]
+
+    def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Who is pushed at this control step.
+
+        :param step_count: control steps of the episodes so far, shape (num_envs,), int
+        :param rows: environments that are stepped, or None for all
+        :return: environments, shape (n,), int, and changes of their horizontal velocity, shape (n, 2), m/s
+        """
+        push = self.config.push
+        if push is None:
+            return NONE_DUE
+        rows = np.arange(len(step_count)) if rows is None else rows
+        due = rows[(step_count[rows] - self._arrays["first_push"][rows]) % self._push_steps == 0]
+        kicks = np.zeros((len(due), 2))
+        for i, row in enumerate(due):
+            angle = self._rng[row].uniform(0.0, 2.0 * np.pi)
+            speed = self._rng[row].uniform(push.speed.low, push.speed.high)
+            kicks[i] = speed * np.cos(angle), speed * np.sin(angle)
+        return due, kicks
+
+    def measured(self, name: str, value: np.ndarray, scale: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        """What sensors make of an observation term.
+
+        :param name: of the term; only :data:`NOISY` ones are disturbed
+        :param value: shape (n, size)
+        :param scale: typical size of each component, shape (size,)
+        :param rows: the environments, shape (n,), int, or None for all
+        """
+        if self.config.sensor_noise is None or name not in NOISY:
+            return value
+        rows = np.arange(len(value)) if rows is None else rows
+        # One generator for each environment, so that its noise does not depend on how many others there are.
+        noise = np.stack([self._rng[row].standard_normal(len(scale)) for row in rows])
+        return value + self._arrays["sensor_noise"][rows, None] * scale * noise
+
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """All that was drawn, and the generators; empty if no disturbance is in use."""
+        arrays = {f"disturbances.{name}": values.copy() for name, values in self._arrays.items()}
+        return arrays, {"disturbances": [rng.bit_generator.state for rng in self._rng]} if arrays else {}
+
+    def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
+        """Go on where :meth:`state` was taken.
+
+        :raises ValueError: if the state is of another task or number of environments
+        """
+        for name, values in self._arrays.items():
+            saved = arrays.get(f"disturbances.{name}")
+            if saved is None or saved.shape != values.shape:
+                raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
+            values[...] = saved
+        for rng, state in zip(self._rng, plain.get("disturbances", ()), strict=False):
+            rng.bit_generator.state = state

@@ -1,0 +1,53 @@
+"""A parameter that a YAML file gives as one value, a range or a choice of words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ogmp_sb3.schema import Where, describe, read
+
+
+@dataclass(frozen=True)
+class Range:
+    """One mode parameter: a fixed value, a uniform range, or a set of words."""
+
+    low: float = 0.0
+    """least value"""
+    high: float = 0.0
+    """greatest value; equal to ``low`` for a fixed parameter"""
+    words: tuple[str, ...] = ()
+    """the choices of a parameter that is a word, e.g. a direction"""
+
+    @classmethod
+    def from_data(cls, data: Any, where: Where) -> Range:
+        """Read ``0.8``, ``[0.2, 0.35]``, ``front`` or ``[front, back]``."""
+        expected = "a number, [low, high], a word or a list of words"
+        if data is None or isinstance(data, Mapping | bool):
+            raise TypeError(f"{where} must be {expected}, found {describe(data)}.")
+        if isinstance(data, str):
+            data = [data]
+        if isinstance(data, list | tuple) and data and all(isinstance(d, str) for d in data):
+            if len(set(data)) < len(data):
+                raise ValueError(f"{where} has a word twice: {', '.join(data)}.")
+            return cls(words=tuple(data))
+        if isinstance(data, list | tuple):
+            if len(data) != 2:
+                raise ValueError(f"{where} must be {expected}, found {describe(data)}.")
+            low, high = read(tuple[float, float], data, where)
+            if low > high:
+                raise ValueError(f"{where} is a reversed range: {low} > {high} (write it as [low, high]).")
+            return cls(low, high)
+        value = read(float, data, where)
+        return cls(value, value)
+
+    def towards(self, other: Range, share: float) -> Range:
+        """The range that lies ``share`` of the way (0 to 1) from this one to ``other``."""
+        if self.words:
+            return other
+        return Range(self.low + share * (other.low - self.low), self.high + share * (other.high - self.high))
+
+    def corners(self) -> tuple[float | str, ...]:
+        """The extreme values."""
+        return self.words or (self.low, self.high)

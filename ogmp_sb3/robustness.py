@@ -1,0 +1,138 @@
+"""Play a policy under disturbances, one at a time, to see what it stands."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.metrics import Summary, no_fall_fraction, summarise
+from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.randomisation import PushConfig, RandomisationConfig
+from ogmp_sb3.ranges import Range
+from ogmp_sb3.sim import TERRAIN_FRICTION
+
+SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
+LEAST = 0.05  # of factors and of friction
+DEFAULT = RandomisationConfig(
+    mass=Range(0.9, 1.1),
+    friction=Range(0.5, 1.2),
+    gains=Range(0.9, 1.1),
+    latency=Range(0.0, 1.0),
+    sensor_noise=Range(0.0, 0.1),
+    push=PushConfig(every=2.0, speed=Range(0.0, 0.3)),
+)
+"""Ranges of what a task does not declare."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One disturbance over its sizes."""
+
+    name: str
+    """key of the task file"""
+    label: str
+    """what it is, with its unit"""
+    none: float
+    """where there is no disturbance"""
+    range: Range
+    """the task's, or the default"""
+    declared: bool
+    """whether the range is the task's"""
+    push_every: float
+    """time between pushes, s"""
+
+    @property
+    def values(self) -> np.ndarray:
+        """Every size, towards both ends of the range; ascending."""
+        reach = np.array([min(self.range.low - self.none, 0.0), max(self.range.high - self.none, 0.0)])
+        values = self.none + np.outer(SIZES, reach).ravel()
+        least = min(LEAST, self.none)
+        return np.unique(np.maximum(values, least).round(0 if self.name == "latency" else 4))
+
+    def alone(self, value: float) -> RandomisationConfig:
+        """This disturbance at a size, and no other."""
+        fixed: Any = Range(value, value)
+        if self.name == "push":
+            fixed = PushConfig(every=self.push_every, speed=fixed)
+        return replace(RandomisationConfig(), **{self.name: fixed})
+
+
+def disturbance_sweeps(declared: RandomisationConfig | None) -> list[Sweep]:
+    """A sweep of every disturbance.
+
+    :param declared: the task's
+    """
+    declared = declared or RandomisationConfig()
+    every = (declared.push or DEFAULT.push).every  # type: ignore[union-attr]
+    sweeps = []
+    for name, label, none in (
+        ("mass", "factor on mass", 1.0),
+        ("friction", "friction coefficient", TERRAIN_FRICTION[0]),
+        ("gains", "factor on kp and kd", 1.0),
+        ("latency", "latency (control steps)", 0.0),
+        ("sensor_noise", "sensor noise (scales)", 0.0),
+        ("push", f"push (m/s, every {every:g} s)", 0.0),
+    ):
+        own = getattr(declared, name)
+        found = own or getattr(DEFAULT, name)
+        range_ = found.speed if isinstance(found, PushConfig) else found
+        sweeps.append(Sweep(name, label, none, range_, own is not None, every))
+    return sweeps
+
+
+def episode_sets(sweeps: list[Sweep]) -> int:
+    """How many sets of episodes the sweeps take; that without a disturbance is played once."""
+    return 1 + sum(len(sweep.values) - 1 for sweep in sweeps)
+
+
+def play_sweeps(
+    sweeps: list[Sweep],
+    policy: LstmPolicy,
+    task: TaskConfig,
+    episodes: int,
+    seed: int,
+    max_distance: float | None,
+    progress: Callable[[int], None],
+) -> list[dict[str, Any]]:
+    """The fraction of episodes without a fall under each disturbance alone, at each of its sizes.
+
+    :param task: under the protocol wanted
+    :param episodes: at each size, on the same tracks; the rest as for :func:`~ogmp_sb3.episodes.play_episodes`
+    """
+
+    def no_fall(randomisation: RandomisationConfig | None) -> Summary:
+        disturbed = replace(task, randomisation=randomisation)
+        records = play_episodes(policy, disturbed, episodes, seed, max_distance, progress)
+        return summarise(no_fall_fraction(record) for record in records)
+
+    undisturbed = no_fall(None)
+    results = []
+    for sweep in sweeps:
+        points = [
+            {"value": value, "no_fall_fraction": undisturbed if value == sweep.none else no_fall(sweep.alone(value))}
+            for value in sweep.values.tolist()
+        ]
+        declared = [sweep.range.low, sweep.range.high] if sweep.declared else None
+        results.append({"disturbance": sweep.name, "label": sweep.label, "declared": declared, "points": points})
+    return results
+
+
+def write_csv(results: list[dict[str, Any]], path: Path) -> None:
+    """One row for each disturbance and size.
+
+    :param results: of :func:`play_sweeps`
+    """
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["disturbance", "value", "episodes", "no_fall_fraction", "ci95_low", "ci95_high"])
+        for result in results:
+            for point in result["points"]:
+                found = point["no_fall_fraction"]
+                writer.writerow([result["disturbance"], point["value"], found["n"], found["mean"], *found["ci95"]])

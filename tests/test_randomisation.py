@@ -1,0 +1,266 @@
+"""Domain randomisation: off it is not there, on it is what was declared, and every row has its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from test_env import actions, assert_same, ended, play
+
+from ogmp_sb3.config import TASKS_DIR, load_task
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.randomisation import Disturbances, PushConfig, RandomisationConfig
+from ogmp_sb3.ranges import Range
+
+TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
+SEED = 5
+EVERYTHING = {
+    "mass": [0.8, 1.2],
+    "friction": [0.4, 1.2],
+    "gains": [0.8, 1.2],
+    "latency": [0, 2],
+    "sensor_noise": 0.1,
+    "push": {"every": 0.3, "speed": [0.1, 0.5]},
+}
+NEUTRAL = {
+    "mass": 1.0,
+    "friction": 1.0,
+    "gains": [1.0, 1.0],
+    "latency": 0,
+    "sensor_noise": 0.0,
+    "push": {"every": 0.3, "speed": 0.0},
+}
+
+
+def task(name: str = "parkour", **randomisation: Any) -> TaskConfig:
+    """Without curriculum, so that the first episode meets every mode."""
+    return load_task(name, {"curriculum": None, "randomisation": randomisation or None})
+
+
+def drawn(rows: int = 400, **randomisation: Any) -> Disturbances:
+    """Disturbances that have begun."""
+    disturbances = Disturbances(task(**randomisation).randomisation, rows, np.zeros(10), 0.03)
+    for row in range(rows):
+        disturbances.seed_row(row, np.random.default_rng(row))
+    disturbances.begin(np.arange(rows))
+    return disturbances
+
+
+# ---- what a task declares ----
+
+
+def test_a_number_is_fixed_a_pair_a_range_and_what_is_left_out_is_off() -> None:
+    found = task(mass=1.1, friction=[0.5, 1.2], push={"every": 2.0, "speed": 0.3}).randomisation
+    push = PushConfig(every=2.0, speed=Range(0.3, 0.3))
+    assert found == RandomisationConfig(mass=Range(1.1, 1.1), friction=Range(0.5, 1.2), push=push)
+    assert found.latency is found.gains is found.sensor_noise is None
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_it_is_off_by_default(name: str) -> None:
+    assert load_task(name).randomisation is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("mass", 0, "'randomisation': 'mass' must be above 0, found 0."),
+        ("friction", [-0.1, 1], "'randomisation': 'friction' must be above 0, found -0.1."),
+        ("gains", "high", "'randomisation': 'gains' must be a number or [low, high], found high."),
+        ("gains", [1.1, 0.9], "'randomisation.gains' is a reversed range"),
+        ("latency", [0, 1.5], "'randomisation': 'latency' must be whole control steps up to 100, found 1.5."),
+        ("latency", 1000, "'latency' must be whole control steps up to 100, found 1000."),
+        ("latency", -1, "'latency' must be at least 0, found -1."),
+        ("sensor_noise", -0.1, "'sensor_noise' must be at least 0, found -0.1."),
+        ("push", {"every": 0, "speed": 1}, "'randomisation.push': 'every' must be above 0, found 0."),
+        ("push", {"every": 1, "speed": -1}, "'randomisation.push': 'speed' must be at least 0, found -1."),
+        ("push", {"speed": 1}, "'randomisation.push.every' is missing"),
+        ("pushes", 1, "'randomisation.pushes' is not a known key"),
+    ],
+)
+def test_a_mistake_is_one_sentence(key: str, value: Any, message: str) -> None:
+    with pytest.raises((ValueError, KeyError)) as caught:
+        task(**{key: value})
+    assert caught.value.args[0].startswith("tasks/parkour.yaml: ")
+    assert message in caught.value.args[0]
+
+
+def test_the_test_protocol_has_disturbances_of_its_own() -> None:
+    config = load_task("parkour", {"randomisation.mass": 1.1})
+    assert config.for_evaluation().randomisation is None
+    config = load_task("parkour", {"randomisation.mass": 1.1, "evaluation.randomisation.friction": 0.4})
+    assert config.for_evaluation().randomisation == RandomisationConfig(friction=Range(0.4, 0.4))
+
+
+# ---- off, and rows ----
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_disturbances_of_no_size_leave_every_bit_as_it_is_without(name: str) -> None:
+    commands = actions(60, 3)
+    without, neutral = (BatchEnv(task(name, **given), 3, SEED, threads=1) for given in ({}, NEUTRAL))
+    assert_same(play(without, commands), play(neutral, commands))
+
+
+def test_off_it_gives_no_simulation_a_model_of_its_own_and_saves_nothing() -> None:
+    env = BatchEnv(task(), 2, SEED, threads=1)
+    env.reset()
+    model, base = env.sim.batch.get_model(0), env.sim.model
+    for field in ("body_mass", "geom_friction", "actuator_gainprm", "actuator_biasprm", "dof_invweight0"):
+        np.testing.assert_array_equal(getattr(model, field), getattr(base, field))
+    arrays, plain = env.state()
+    assert not [name for name in (*arrays, *plain) if name.startswith("disturbances")]
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_on_it_changes_the_trajectory_but_not_the_track(name: str) -> None:
+    without, disturbed = (BatchEnv(task(name, **given), 3, SEED, threads=1) for given in ({}, EVERYTHING))
+    first, second = without.reset(), disturbed.reset()
+    np.testing.assert_array_equal(without.terrain, disturbed.terrain)
+    assert (first != second).any()
+    commands = actions(10, 3)
+    for command in commands:
+        without.step(command)
+        disturbed.step(command)
+    assert (np.abs(without.sim.qpos - disturbed.sim.qpos).max(axis=1) > 1e-3).all()
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive"])
+def test_four_rows_equal_four_environments_of_one(name: str) -> None:
+    commands = actions(60, 4)
+    four = play(BatchEnv(task(name, **EVERYTHING), 4, SEED, threads=1), commands)
+    for row in range(4):
+        one = play(BatchEnv(task(name, **EVERYTHING), 1, SEED + row, threads=1), commands[:, row : row + 1])
+        assert_same(one, four, rows=[row])
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive"])
+def test_a_saved_state_goes_on_bit_for_bit_in_another_environment(name: str) -> None:
+    config, commands = task(name, **EVERYTHING), actions(80, 3)
+    env, other = BatchEnv(config, 3, SEED, threads=1), BatchEnv(config, 3, 77, threads=1)
+    env.reset()
+    other.reset()
+    episodes = 0
+    for step, command in enumerate(commands):
+        if step == 33:
+            other.set_state(*env.state())
+        result = env.step(command)
+        rows = ended(result)
+        first = env.reset(rows) if len(rows) else None
+        if step >= 33:
+            again = other.step(command)
+            np.testing.assert_array_equal(again.observation, result.observation)
+            going_on = np.setdiff1d(np.arange(3), rows)
+            np.testing.assert_array_equal(other.sim.qpos[going_on], env.sim.qpos[going_on])
+            if first is not None:
+                episodes += 1
+                np.testing.assert_array_equal(other.reset(rows), first)
+    assert episodes > 0
+
+
+def test_a_state_saved_without_disturbances_does_not_fit_a_task_that_has_them() -> None:
+    state = BatchEnv(task(), 2, SEED, threads=1).state()
+    with pytest.raises(ValueError, match="does not fit this task"):
+        BatchEnv(task(**EVERYTHING), 2, SEED, threads=1).set_state(*state)
+
+
+# ---- what is drawn ----
+
+
+def test_draws_fill_their_ranges_and_change_with_every_episode() -> None:
+    disturbances = drawn(**EVERYTHING)
+    first = disturbances.robots(np.arange(400))
+    for name in ("mass", "friction", "gains"):
+        low, high = EVERYTHING[name]
+        assert low <= first[name].min() < low + 0.05 * (high - low)
+        assert high >= first[name].max() > high - 0.05 * (high - low)
+    second = disturbances.begin(np.array([3, 5]))
+    assert (second["mass"] != first["mass"][[3, 5]]).all()
+    others = np.delete(np.arange(400), [3, 5])
+    np.testing.assert_array_equal(disturbances.robots(others)["mass"], first["mass"][others])
+
+
+def test_what_is_not_declared_is_not_changed() -> None:
+    assert set(drawn(2, friction=0.5, latency=1).robots(np.arange(2))) == {"friction"}
+
+
+def test_the_robots_simulated_are_those_that_were_drawn() -> None:
+    env = BatchEnv(task(mass=[0.5, 2.0], friction=[0.2, 0.9], gains=[0.5, 2.0]), 3, SEED, threads=1)
+    env.reset()
+    wanted = env.disturbances.robots(np.arange(3))
+    for row in range(3):
+        model = env.sim.batch.get_model(row)
+        np.testing.assert_allclose(model.body_mass.sum(), wanted["mass"][row] * env.sim.model.body_mass.sum())
+        np.testing.assert_allclose(model.geom_friction[:, 0], wanted["friction"][row])
+        np.testing.assert_allclose(model.actuator_gainprm[:, 0], 30.0 * wanted["gains"][row])
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_an_action_reaches_the_servos_after_its_latency_and_the_nominal_pose_before(latency: int) -> None:
+    env = BatchEnv(task(latency=latency), 2, SEED, threads=1)
+    env.reset()
+    sent = [np.zeros((2, 10))] * latency
+    for k in range(6):
+        action = np.full((2, 10), 0.01 * (k + 1))
+        sent.append(env.task.action.scale * action)
+        env.step(action)
+        np.testing.assert_allclose(env.sim.ctrl, sent[k])
+    env.reset()
+    env.step(np.full((2, 10), 0.5))
+    np.testing.assert_allclose(env.sim.ctrl, 0.0 if latency else 1.0)
+
+
+def test_latencies_are_whole_and_of_each_row() -> None:
+    disturbances = drawn(latency=[0, 2])
+    for k in range(5):
+        reached = disturbances.delayed(np.full((400, 10), float(k)))
+    assert set(np.unique(4 - reached)) == {0.0, 1.0, 2.0}
+
+
+def test_noise_has_the_size_asked_for_and_falls_on_the_proprioception_alone() -> None:
+    clean, noisy = (BatchEnv(task(**given), 300, SEED, threads=1) for given in ({}, {"sensor_noise": 0.2}))
+    difference = (noisy.reset() - clean.reset()) / clean.observation_scale
+    np.testing.assert_array_equal(difference[:, 31:], 0.0)
+    np.testing.assert_allclose(difference[:, :31].std(axis=0), 0.2, rtol=0.2)
+    np.testing.assert_allclose(difference[:, :31].mean(axis=0), 0.0, atol=0.05)
+    assert np.abs(np.corrcoef(difference[:, :31].T) - np.eye(31)).max() < 0.3
+
+
+def test_pushes_come_at_their_time_first_at_a_random_one_in_all_directions() -> None:
+    disturbances = drawn(push={"every": 0.3, "speed": [0.2, 0.4]})
+    times = [[] for _ in range(400)]
+    kicks = []
+    for step in range(40):
+        rows, kick = disturbances.kicks(np.full(400, step), None)
+        for row in rows:
+            times[row].append(step)
+        kicks.append(kick)
+    assert {first for first, *_ in times} == set(range(10))
+    assert all(np.diff(steps).tolist() == [10, 10, 10] for steps in times)
+    kick = np.concatenate(kicks)
+    speed, angle = np.linalg.norm(kick, axis=1), np.arctan2(kick[:, 1], kick[:, 0])
+    assert (speed.min(), speed.max()) == (pytest.approx(0.2, abs=0.01), pytest.approx(0.4, abs=0.01))
+    counts, _ = np.histogram(angle, bins=8, range=(-np.pi, np.pi))
+    assert counts.min() > 0.7 * counts.mean()
+
+
+def test_only_rows_that_are_stepped_are_pushed() -> None:
+    disturbances = drawn(4, push={"every": 0.03, "speed": 1.0})
+    assert disturbances.kicks(np.zeros(4, dtype=int), np.array([1, 3]))[0].tolist() == [1, 3]
+
+
+def test_a_push_moves_the_base_as_fast_as_it_says() -> None:
+    still, pushed = (
+        BatchEnv(task(**given), 2, SEED, threads=1) for given in ({}, {"push": {"every": 0.03, "speed": 0.5}})
+    )
+    velocities = []
+    for env in (still, pushed):
+        env.reset()
+        env.sim.qpos[:, 2] += 1.0  # in the air, where nothing else acts
+        env.step(np.zeros((2, 10)))
+        velocities.append(env.sim.qvel[:, :3].copy())
+    change = velocities[1] - velocities[0]
+    np.testing.assert_allclose(np.linalg.norm(change[:, :2], axis=1), 0.5, rtol=1e-3)
+    np.testing.assert_allclose(change[:, 2], 0.0, atol=1e-6)

@@ -1,0 +1,115 @@
+"""Sweeps of disturbances: what is played, and that the size of a disturbance tells."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_export import make_policy
+from test_train import program
+
+from ogmp_sb3 import robustness
+from ogmp_sb3.config import load_task
+from ogmp_sb3.randomisation import PushConfig, RandomisationConfig
+from ogmp_sb3.ranges import Range
+
+NAMES = ["mass", "friction", "gains", "latency", "sensor_noise", "push"]
+
+
+def sweep(name: str, **declared: object) -> robustness.Sweep:
+    config = load_task("parkour", {"randomisation": declared}).randomisation
+    return next(found for found in robustness.disturbance_sweeps(config) if found.name == name)
+
+
+def test_every_disturbance_there_is_has_a_sweep() -> None:
+    assert [found.name for found in robustness.disturbance_sweeps(None)] == list(vars(RandomisationConfig())) == NAMES
+
+
+@pytest.mark.parametrize(
+    ("name", "declared", "values"),
+    [
+        ("mass", [0.8, 1.1], [0.6, 0.7, 0.8, 0.9, 1.0, 1.05, 1.1, 1.15, 1.2]),
+        ("friction", [0.5, 1.2], [0.05, 0.25, 0.5, 0.75, 1.0, 1.1, 1.2, 1.3, 1.4]),
+        ("friction", [0.4, 0.6], [0.05, 0.1, 0.4, 0.7, 1.0]),
+        ("gains", [1.0, 1.4], [1.0, 1.2, 1.4, 1.6, 1.8]),
+        ("latency", [1, 2], [0, 1, 2, 3, 4]),
+        ("sensor_noise", 0.1, [0.0, 0.05, 0.1, 0.15, 0.2]),
+        ("push", {"every": 2, "speed": [0.1, 0.4]}, [0.0, 0.2, 0.4, 0.6, 0.8]),
+    ],
+)
+def test_sizes_go_from_none_to_twice_the_range_of_the_task(name: str, declared: object, values: list[float]) -> None:
+    found = sweep(name, **{name: declared})
+    assert found.declared
+    np.testing.assert_allclose(found.values, values)
+
+
+def test_what_the_task_leaves_out_gets_a_default_range() -> None:
+    found = sweep("gains", mass=1.2)
+    assert not found.declared
+    assert found.values[[0, -1]].tolist() == [0.8, 1.2]
+
+
+def test_a_disturbance_is_played_alone() -> None:
+    assert sweep("friction", mass=[0.5, 1.5]).alone(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
+    push = PushConfig(every=0.7, speed=Range(0.4, 0.4))
+    assert sweep("push", push={"every": 0.7, "speed": 0.2}).alone(0.4) == RandomisationConfig(push=push)
+
+
+@pytest.fixture(scope="module")
+def evaluation(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("robustness")
+    make_policy(folder / "policy", "dive", 1)
+    arguments = ["randomisation.push.speed=3.0", "randomisation.push.every=0.3", "evaluation.episode_steps=15"]
+    done = program("evaluate", "run=policy", "robustness=true", "episodes=4", "out=eval", *arguments, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "eval"
+
+
+def test_eval_writes_figure_table_and_report(evaluation: Path) -> None:
+    report = json.loads((evaluation / "metrics.json").read_text())["robustness"]
+    assert [result["disturbance"] for result in report] == NAMES
+    assert [result["declared"] for result in report] == [None] * 5 + [[3.0, 3.0]]
+    with (evaluation / "robustness.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    points = [(result["disturbance"], point) for result in report for point in result["points"]]
+    assert len(rows) == len(points)
+    for row, (name, point) in zip(rows, points, strict=True):
+        found = point["no_fall_fraction"]
+        assert (row["disturbance"], float(row["value"]), int(row["episodes"])) == (name, point["value"], 4)
+        assert float(row["no_fall_fraction"]) == found["mean"]
+        assert found["ci95"][0] <= found["mean"] <= found["ci95"][1]
+    assert (evaluation / "robustness.png").stat().st_size > 20_000
+
+
+def test_without_a_disturbance_every_sweep_says_the_same(evaluation: Path) -> None:
+    report = json.loads((evaluation / "metrics.json").read_text())["robustness"]
+    none = {"mass": 1.0, "friction": 1.0, "gains": 1.0}
+    undisturbed = [
+        point["no_fall_fraction"]
+        for result in report
+        for point in result["points"]
+        if point["value"] == none.get(result["disturbance"], 0.0)
+    ]
+    assert undisturbed == [undisturbed[0]] * 6
+
+
+def test_robustness_and_grid_do_not_go_together(tmp_path: Path) -> None:
+    done = program("evaluate", "run=x", "robustness=true", "grid=jump.w,jump.h", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'robustness' and 'grid' are two evaluations: give one of them." in done.stderr
+
+
+def test_a_policy_that_stands_falls_under_pushes_that_are_hard_enough() -> None:
+    class Standing:
+        def predict(self, observation: np.ndarray, *_: object, **__: object) -> tuple[np.ndarray, None]:
+            return np.zeros((len(observation), 10)), None
+
+    task = load_task("parkour", {"evaluation.episode_steps": 12, "modes.jump": None, "modes.leap": None})
+    pushes = [sweep("push", push={"every": 0.1, "speed": 4.0})]
+    (result,) = robustness.play_sweeps(pushes, Standing(), task.for_evaluation(), 20, 0, None, lambda _: None)
+    fractions = [point["no_fall_fraction"]["mean"] for point in result["points"]]
+    assert fractions[0] == 1.0
+    assert fractions[-1] < 0.5
