@@ -125,7 +125,9 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
     if not (run_dir / CONFIG).is_file() or not checkpoint_dirs(run_dir):
         return train(task, task_data, config, run_dir, resume=False)
     data = read_yaml(run_dir / CONFIG)
-    _check_same(run_dir / CONFIG, data, {"task": task_data, "train": asdict(config)})
+    name = {"task name": Path(data["task_file"]).stem}
+    wanted = {"task name": task.name, "task": task_data, "train": asdict(config)}
+    _check_same(run_dir / CONFIG, {**data, **name}, wanted)
     checkpoint = latest_checkpoint(run_dir)
     if int(checkpoint.name) >= config.total_timesteps:
         print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")

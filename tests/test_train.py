@@ -162,9 +162,9 @@ def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: P
     for name in ("hill", "slope"):
         shutil.copy(source, tmp_path / "mine" / "task" / f"{name}.yaml")
     for name, arguments in (("hill", ["task=mine/task/hill.yaml"]), ("slope", ["task=slope", "--config-dir", "mine"])):
-        done = program("train", *arguments, "total_timesteps=128", *SMALL, "hydra.run.dir=run", cwd=tmp_path)
+        done = program("train", *arguments, "total_timesteps=128", *SMALL, f"hydra.run.dir={name}", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        assert load_policy(tmp_path / "run").task.name == name
+        assert load_policy(tmp_path / name).task.name == name
 
 
 @pytest.mark.parametrize(
