@@ -45,6 +45,7 @@ class Player:
     :param task: the task as in training; its bound is only shown
     :param policy: None: the robot follows the oracle's references exactly
     :param seed: of the modes that are drawn
+    :raises ValueError: if the policy does not fit the task
     """
 
     def __init__(self, task: TaskConfig, policy: LstmPolicy | None, seed: int = 0) -> None:
@@ -54,6 +55,9 @@ class Player:
             self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1)
         else:
             self.env = BatchEnv(endless(task), 1, seed, threads=1)
+            (observed,), shown = policy.observation_space.shape or (0,), self.env.observation_size
+            if observed != shown:
+                raise ValueError(f"the task shows {shown} numbers, but the policy observes {observed}.")
         self.reset()
 
     @property

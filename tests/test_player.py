@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
@@ -19,7 +20,8 @@ from ogmp_sb3.terrain import X1, height_at
 class Still:
     """A policy that holds the nominal pose, and remembers when it was told that an episode starts."""
 
-    def __init__(self) -> None:
+    def __init__(self, observations: int) -> None:
+        self.observation_space = spaces.Box(-1.0, 1.0, (observations,))
         self.starts: list[bool] = []
 
     def predict(self, observation: np.ndarray, state: Any, episode_start: np.ndarray, deterministic: bool) -> Any:
@@ -29,7 +31,7 @@ class Still:
 
 
 def still_player(task: TaskConfig, seed: int = 0) -> Player:
-    return Player(task, cast(LstmPolicy, Still()), seed)
+    return Player(task, cast(LstmPolicy, Still(BatchEnv(task).observation_size)), seed)
 
 
 def flat(**overrides: Any) -> TaskConfig:
@@ -67,6 +69,11 @@ def test_an_episode_that_ended_begins_anew_with_a_fresh_policy_state() -> None:
     player.step()
     starts = cast(Still, player.policy).starts
     assert [i for i, start in enumerate(starts) if start] == [0, len(frames)]
+
+
+def test_a_policy_of_other_observations_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"the task shows \d+ numbers, but the policy observes 3"):
+        Player(flat(), cast(LstmPolicy, Still(3)))
 
 
 def test_neither_bound_nor_time_ends_an_episode_on_a_track() -> None:
