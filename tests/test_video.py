@@ -102,6 +102,8 @@ def test_a_gif_has_every_other_step_at_true_speed(opengl, tmp_path: Path) -> Non
         assert (gif.n_frames, gif.size) == (4, (FORMATS[".gif"].width, FORMATS[".gif"].height))
         assert gif.info["duration"] == 60
         assert gif.info["loop"] == 0
+        gif.seek(3)
+        assert orange(gif.convert("RGB")) > 20
 
 
 def test_an_mp4_has_every_step_at_true_speed(opengl, tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ class Browser:
     def close(self) -> None:
         self.call("Browser.close")
         self.socket.close()
-        self.process.wait(10)
+        self.process.wait(60)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the viewer with")
