@@ -139,8 +139,8 @@ def write(pictures: Iterator[np.ndarray], path: Path, kind: Format, period: floa
     images = [Image.fromarray(picture) for picture in pictures]
     if path.suffix == ".gif":
         # One palette for all, or colours flicker; one that covers rare colours, or the robot's accents go.
-        some = Image.fromarray(np.vstack(images[:: math.ceil(len(images) / 8)]))
-        palette = some.quantize(GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
+        some = [np.asarray(image) for image in images[:: math.ceil(len(images) / 8)]]
+        palette = Image.fromarray(np.vstack(some)).quantize(GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
         images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
         images[0].save(path, save_all=True, append_images=images[1:], duration=round(1000 * period), loop=0)
         return

@@ -154,7 +154,7 @@ class Browser:
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         number = next(self.numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
-        while (answer := json.loads(self.socket.recv(timeout=30))).get("id") != number:
+        while (answer := json.loads(self.socket.recv(timeout=120))).get("id") != number:
             pass
         return answer["result"]
 
