@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -92,3 +93,15 @@ def run(program: str, help_text: str, body: Callable[[list[str]], None]) -> None
 def task_keys(task: type[Any]) -> tuple[str, ...]:
     """The top-level keys of a task file."""
     return tuple(field.name for field in dataclasses.fields(task) if not field.metadata.get("internal"))
+
+
+def require(extra: str, *modules: str) -> None:
+    """Check that the packages of an optional part are installed.
+
+    :param extra: of setup.cfg
+    :param modules: what it installs
+    :raises ValueError: naming the extra, if one is missing
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise ValueError(f"the package '{module}' is missing: pip install \"ogmp_sb3[{extra}]\".")

@@ -84,6 +84,19 @@ class Course:
         ends = self.spans[rows, self._span_count[rows] - 1, END]
         return np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
 
+    def mode_at(self, row: int, x: float) -> ModeCall:
+        """The mode that a place on the track belongs to; in a timed task the present one.
+
+        :param row: the environment
+        :param x: m along the track
+        """
+        start = self._laid[row]
+        for call in reversed(self.modes[row]):
+            start -= call.segment().length
+            if self.timed or start <= x:
+                return call
+        return self.modes[row][0]
+
     def state(self) -> tuple[dict[str, np.ndarray], list[Any]]:
         """Everything laid so far: arrays, and the modes as plain data. Commands are not part of it."""
         arrays = {f"course.{name}": getattr(self, name).copy() for name in self._arrays()}

@@ -183,9 +183,7 @@ class BatchEnv:
         """
         task = self.task
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
-        self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
-        self.sim.push(*self.disturbances.kicks(self.step_count, rows))
-        self.sim.step(rows, task.substeps)
+        self._advance(targets, rows)
         self._phase += 1
         self.step_count += 1
         self._phase = np.minimum(self._phase, self._period)  # rows that are not stepped any more stay inside
@@ -220,6 +218,10 @@ class BatchEnv:
             view=view,
             reward_terms=reward_terms,
         )
+
+    def plan(self, row: int) -> np.ndarray:
+        """The oracle's present reference of an environment, from the query on, shape (knots + 1, 12)."""
+        return self._reference[row, : self._period[row] + 1].copy()
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that the next steps depend on: arrays, and plain data (generators and the modes drawn so far)."""
@@ -282,6 +284,16 @@ class BatchEnv:
             phase=phase,
             period=self._period[every],
         )
+
+    def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
+        """Move the robots on by one control step.
+
+        :param targets: joint positions, shape (num_envs, joints), rad
+        :param rows: these only, or None for all
+        """
+        self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
+        self.sim.push(*self.disturbances.kicks(self.step_count, rows))
+        self.sim.step(rows, self.task.substeps)
 
     def _end(self, view: EnvView, reward: np.ndarray) -> np.ndarray:
         """Which rule ends each episode; the first that holds counts."""

@@ -124,8 +124,7 @@ def _grid_axis(text: str, task: TaskConfig) -> tuple[str, str, np.ndarray]:
     except IndexError:
         if limits:
             raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
-        spread = 0.5 * (range_.high - range_.low) or 0.5 * range_.high
-        low, high, points = max(range_.low - spread, 0.02), range_.high + spread, GRID_POINTS
+        (low, high), points = range_.beyond(), GRID_POINTS
     except ValueError:
         raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
     return mode, parameter, np.round(np.linspace(low, high, points), 4)

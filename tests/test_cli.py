@@ -61,3 +61,9 @@ def test_run_turns_a_mistake_into_one_line_and_exit_code_2(monkeypatch, capsys) 
 def test_task_keys_are_those_of_the_file() -> None:
     keys = cli.task_keys(TaskConfig)
     assert "rho" in keys and "robot_config" not in keys
+
+
+def test_a_missing_optional_package_names_the_extra_to_install() -> None:
+    cli.require("viewer", "json")
+    with pytest.raises(ValueError, match=r"'no_such_package' is missing: pip install \"ogmp_sb3\[viewer\]\""):
+        cli.require("viewer", "json", "no_such_package")

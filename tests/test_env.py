@@ -732,3 +732,14 @@ def test_commanded_modes_come_next_in_their_order_and_only_in_their_row() -> Non
         env.command(0, "jmp")
     with pytest.raises(KeyError, match=r"no parameter 'runup'.*Did you mean 'run_up'"):
         env.command(0, "jump", runup=0.1)
+
+
+def test_the_plan_is_what_rewards_compare_with() -> None:
+    env = BatchEnv(load_task("parkour", OPEN), num_envs=2, seed=0)
+    env.reset()
+    plan = env.plan(1)
+    assert len(plan) == 31
+    for knot in range(1, 30):
+        view = env.step(np.zeros((2, 10))).view
+        np.testing.assert_array_equal(view.reference[1], plan[knot])
+        np.testing.assert_array_equal(env.plan(1), plan)

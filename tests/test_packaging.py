@@ -27,12 +27,12 @@ LAYERS = (
     {"definitions"},
     {"config"},
     {"riccati", "terrain"},
-    {"modes"},
+    {"modes", "frame"},
     {"reference", "sampling"},
     {"oracles", "course", "latent"},
     {"view"},
     {"observations", "rewards", "terminations", "metrics"},
-    {"sim"},
+    {"sim", "render"},
     {"env"},
     {"adapters", "encoder"},
     {"policy", "sequences"},
@@ -40,9 +40,9 @@ LAYERS = (
     {"checkpoints"},
     {"onnx_models", "controller"},
     {"recipe"},
-    {"plotting", "logs", "cli", "episodes"},
-    {"training", "robustness"},
-    {"train", "evaluate", "check", "encode", "export", "bench", "bench_physics"},
+    {"plotting", "logs", "cli", "episodes", "player", "stage"},
+    {"training", "robustness", "video", "viewer"},
+    {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 
@@ -63,6 +63,8 @@ DISTRIBUTIONS = {
     "sb3_contrib": "sb3-contrib",
     "hydra": "hydra-core",
     "yaml": "pyyaml",
+    "PIL": "pillow",
+    "imageio_ffmpeg": "imageio-ffmpeg",
 }
 """Distributions that are called otherwise than the module they install."""
 
@@ -184,14 +186,32 @@ def test_heavy_import_stays_in_its_place(target: str) -> None:
     assert not strangers, f"{', '.join(sorted(strangers))} import {target}; only {allowed} may"
 
 
+def requirements(optional: bool) -> set[str]:
+    """Names of what the package requires, or of what its extras do."""
+    config = setup_cfg()
+    texts = config["options.extras_require"].values() if optional else [config["options"]["install_requires"]]
+    return {requirement_name(line) for text in texts for line in listed(text) if not line.startswith("#")}
+
+
+def distributions(names: set[str]) -> set[str]:
+    """The distributions that some imports need."""
+    tops = {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {"ogmp_sb3"}
+    return {DISTRIBUTIONS.get(name, name).lower() for name in tops}
+
+
 @pytest.mark.parametrize("module", ["__init__", *MODULES])
 def test_every_import_is_a_declared_requirement(module: str) -> None:
-    config = setup_cfg()
-    lists = [config["options"]["install_requires"], *config["options.extras_require"].values()]
-    declared = {requirement_name(line) for text in lists for line in listed(text)}
-    tops = {name.split(".")[0] for name in IMPORTED[module]} - set(sys.stdlib_module_names) - {"ogmp_sb3"}
-    missing = {name for name in tops if DISTRIBUTIONS.get(name, name).lower() not in declared}
-    assert not missing, f"{module} imports {', '.join(sorted(missing))}: declare it in setup.cfg"
+    missing = distributions(IMPORTED[module]) - requirements(optional=False) - requirements(optional=True)
+    assert not missing, f"{module} imports {', '.join(sorted(missing))}: add to setup.cfg"
+
+
+@pytest.mark.parametrize("module", ["__init__", *MODULES])
+def test_a_module_loads_without_any_extra(module: str) -> None:
+    """What extras install may be imported in functions, and for type checkers."""
+    tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
+    at_load = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    optional = distributions(imported_names(ast.unparse(ast.Module(at_load, [])))) - requirements(optional=False)
+    assert not optional, f"{module} imports {', '.join(sorted(optional))} when it is loaded; do so where it is used"
 
 
 def test_version_is_the_same_everywhere() -> None:

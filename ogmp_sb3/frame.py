@@ -1,0 +1,91 @@
+"""What there is to see of one environment after a control step, and how its ground is drawn. Plain arrays only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ogmp_sb3.terrain import NOTHING, TOP, X0, X1, Y0, Y1
+
+Colour = tuple[int, int, int]
+
+GHOST_COLOUR = (40, 120, 255)
+MARK_COLOUR = (120, 114, 104)
+LOW_COLOUR, LEVEL_COLOUR, HIGH_COLOUR = (130, 126, 122), (184, 178, 166), (222, 190, 138)
+COLOUR_RISE = 0.4  # m above or below the track at which ground has the high or the low colour
+MARK_SPACING = 0.5  # m between lines across the ground, so that motion is seen
+MARK_REACH = 8.0  # m: lines are drawn this far around the robot,
+MARK_HALF_WIDTH = 3.0  # m: and no longer than this to each side
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """One control step of one environment."""
+
+    robot: np.ndarray
+    """generalised position of the robot, shape (nq,); empty where only the oracle plays"""
+    ghost: np.ndarray
+    """that of a robot in its nominal pose at the reference, shape (nq,)"""
+    base: np.ndarray
+    """position of the robot's base, or of the reference's where only the oracle plays, shape (3,), m"""
+    reference: np.ndarray
+    """position of the reference's base, shape (3,), m"""
+    trail: np.ndarray
+    """positions of the base in the oracle's present plan, shape (knots + 1, 3), m"""
+    terrain: np.ndarray
+    """boxes laid so far, those far behind left out, shape (boxes, 5); see :mod:`ogmp_sb3.terrain`"""
+    mode: str
+    """the mode at the base, with its parameters"""
+    time: float
+    """since the episode began, s"""
+    speed: float
+    """horizontal speed of the base, m/s"""
+    reward: float
+    """of this step"""
+    deviation: float
+    """weighted distance to the reference"""
+    ended: str
+    """the rule that ended the episode; empty while it runs"""
+
+
+def join_terrain(terrains: Iterable[np.ndarray]) -> np.ndarray:
+    """All boxes that there are in any of some terrains, one that grew only at its longest.
+
+    :param terrains: each of shape (boxes, 5)
+    :return: shape (n, 5)
+    """
+    ends: dict[tuple[float, ...], float] = {}
+    for terrain in terrains:
+        for box in terrain[terrain[:, TOP] > NOTHING]:
+            key = (box[X0], box[Y0], box[Y1], box[TOP])
+            ends[key] = max(ends.get(key, box[X1]), box[X1])
+    return np.array([(x0, x1, y0, y1, top) for (x0, y0, y1, top), x1 in ends.items()]).reshape(-1, 5)
+
+
+def ground_colours(terrain: np.ndarray) -> np.ndarray:
+    """Colours of boxes by their height, so that steps are seen from above too.
+
+    :param terrain: shape (boxes, 5)
+    :return: shape (boxes, 3), 0 to 255
+    """
+    colours = np.array([LOW_COLOUR, LEVEL_COLOUR, HIGH_COLOUR], dtype=float)
+    rises = [-COLOUR_RISE, 0.0, COLOUR_RISE]
+    return np.stack([np.interp(terrain[:, TOP], rises, colours[:, i]) for i in range(3)], axis=1)
+
+
+def ground_marks(terrain: np.ndarray, x: float) -> np.ndarray:
+    """Lines across the ground around a place on the track.
+
+    :param terrain: shape (boxes, 5)
+    :param x: m along the track
+    :return: start and end of each, shape (n, 2, 3), m
+    """
+    lines = []
+    for x0, x1, y0, y1, top in terrain:
+        first, last = max(x0, x - MARK_REACH), min(x1, x + MARK_REACH)
+        left, right = min(y1, MARK_HALF_WIDTH), max(y0, -MARK_HALF_WIDTH)
+        for i in range(int(np.ceil(first / MARK_SPACING)), int(np.floor(last / MARK_SPACING)) + 1):
+            lines.append([(i * MARK_SPACING, right, top), (i * MARK_SPACING, left, top)])
+    return np.array(lines).reshape(-1, 2, 3)

@@ -1,0 +1,100 @@
+"""``ogmp-play``: watch a policy, or the oracle alone, in a browser or as a video."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from ogmp_sb3 import cli
+from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data, task_path
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.player import Player
+from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.video import check_suffix, write_video
+from ogmp_sb3.viewer import Viewer
+
+PROGRAM = "ogmp-play"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayConfig:
+    """Keys of the command line."""
+
+    run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
+    task: str | None = cli.option("instead of a run, a task: only its oracle plays", None)
+    scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
+    seed: int = cli.option("of the modes that are drawn", 0)
+    host: str = cli.option("address the viewer listens on; 0.0.0.0: the whole network can play", "127.0.0.1")
+    port: int = cli.option("port of the viewer", 8080)
+    video: str | None = cli.option("file to write instead: .mp4, .gif, or .png for a strip of pictures", None)
+    seconds: float = cli.option("length of the video, s", 12.0)
+
+    def __post_init__(self) -> None:
+        if (self.run is None) == (self.task is None):
+            raise ValueError("give either 'run' (a policy) or 'task' (its oracle alone).")
+        if self.seed < 0:
+            raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
+        if self.seconds <= 0:
+            raise ValueError(f"'seconds' must be above 0, found {self.seconds:g}.")
+        if not 0 <= self.port < 65536:
+            raise ValueError(f"'port' must be from 0 to 65535, found {self.port}.")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "watch a policy, or a task's oracle, in a browser or as a video.",
+    [
+        "ogmp-play run=runs/parkour/2026-01-31_12-00-00",
+        "ogmp-play run=parkour scene=pace_to_jump oracle=lqr modes.jump.h=0.3",
+        "ogmp-play task=dive",
+        "ogmp-play run=parkour video=parkour.mp4 seconds=20",
+        "ogmp-play run=parkour video=strip.png seconds=3",
+    ],
+    PlayConfig,
+    "any other key of the task file, e.g. modes.leap.w=0.5",
+)
+
+
+def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPolicy | None]:
+    """The task with the user's changes, and the policy if there is one."""
+    policy = None
+    if config.run is not None:
+        loaded = load_policy(config.run)
+        policy, data, path = loaded.policy, loaded.task_data, loaded.task_path
+    else:
+        assert config.task is not None
+        path = task_path(config.task)
+        data = read_yaml(path)
+    apply_overrides(data, overrides, PROGRAM)
+    if config.scene is not None:
+        apply_scene(data, config.scene)
+    return task_from_data(data, path), policy
+
+
+def _run(arguments: list[str]) -> None:
+    config, overrides = cli.parse(PlayConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    path = None if config.video is None else Path(config.video)
+    if path is not None:
+        check_suffix(path)
+    cli.require("viewer", *(("viser",) if path is None else ("PIL", "imageio_ffmpeg")))
+    task, policy = load(config, overrides)
+    player = Player(task, policy, config.seed)
+    if path is not None:
+        steps = max(1, round(config.seconds / task.control_dt))
+        write_video([player.frame, *(player.step() for _ in range(steps))], task, path)
+        Console().print(str(path), soft_wrap=True)
+        return
+    Viewer(player, config.host, config.port, config.seed).run()
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

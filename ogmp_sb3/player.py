@@ -1,0 +1,147 @@
+"""Play one environment step by step, with commands and pushes: what a viewer shows and a video records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.frame import Frame, join_terrain
+from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.rotations import quat_rotate_inverse
+from ogmp_sb3.sampling import ModeCall, draw_parameters
+from ogmp_sb3.srb import OMEGA, POS, VEL
+from ogmp_sb3.terrain import X1
+
+ENDLESS = 10**9  # control steps
+SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight
+
+
+class OracleEnv(BatchEnv):
+    """Robots that are wherever the oracle wants them, in their nominal pose: no physics."""
+
+    def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
+        every, knot = np.arange(self.num_envs), self._phase + 1
+        state, quat = self._reference[every, knot], self._reference_quat[every, knot]
+        p, v = self.sim.base_qpos, self.sim.base_qvel
+        self.sim.qpos[:, p : p + 3], self.sim.qpos[:, p + 3 : p + 7] = state[:, POS], quat
+        self.sim.qvel[:, v : v + 3] = state[:, VEL]
+        self.sim.qvel[:, v + 3 : v + 6] = quat_rotate_inverse(quat, state[:, OMEGA])
+
+
+def endless(task: TaskConfig) -> TaskConfig:
+    """The task as it is played: by its test protocol, but a track goes on for as long as the robot does."""
+    played = replace(task.for_evaluation(), track=task.track)
+    return played if task.horizon is None else replace(played, episode_steps=ENDLESS)
+
+
+class Player:
+    """One environment and who moves the robot in it: a policy, by its deterministic actions, or else the oracle.
+
+    An episode that has ended begins anew at the next step.
+
+    :param task: the task as in training; its bound is only shown
+    :param policy: None: the robot follows the oracle's references exactly
+    :param seed: of the modes that are drawn
+    :raises ValueError: if the policy does not fit the task
+    """
+
+    def __init__(self, task: TaskConfig, policy: LstmPolicy | None, seed: int = 0) -> None:
+        self.task, self.policy = task, policy
+        if policy is None:
+            unobserved = replace(endless(task), terminations={}, observations={"clock": {}})
+            self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1)
+        else:
+            self.env = BatchEnv(endless(task), 1, seed, threads=1)
+            (observed,), shown = policy.observation_space.shape or (0,), self.env.observation_size
+            if observed != shown:
+                raise ValueError(f"the task shows {shown} numbers, but the policy observes {observed}.")
+        self.reset()
+
+    @property
+    def commands(self) -> dict[str, dict[str, Range]]:
+        """The modes that can be commanded, with the ranges of their parameters: those that bring their ground."""
+        rng, modes = np.random.default_rng(0), self.task.mode_ranges
+        calls = {name: ModeCall(name, draw_parameters(ranges, rng)) for name, ranges in modes.items()}
+        return {name: modes[name] for name, call in calls.items() if call.segment().plateaus}
+
+    def reset(self, seed: int | None = None) -> Frame:
+        """Begin a new episode.
+
+        :param seed: None: go on drawing modes where the last episode stopped
+        """
+        if seed is not None:
+            self.env.seed(seed)
+        self._observation = self.env.reset()
+        self._lstm_state: tuple[np.ndarray, ...] | None = None
+        self._nominal = self.env.sim.qpos[0].copy()
+        self._ground = np.zeros((0, 5))
+        view = self.env.view()
+        self.frame = self._frame(view.reference[0, POS], view.reference_quat[0], 0.0, float(view.deviation[0]), "")
+        return self.frame
+
+    def step(self) -> Frame:
+        """One control step, or a new episode if the last one has ended."""
+        if self.frame.ended:
+            return self.reset()
+        action = np.zeros((1, self.env.action_size))
+        if self.policy is not None:
+            start = np.array([self._lstm_state is None])
+            action, self._lstm_state = self.policy.predict(
+                self._observation, self._lstm_state, start, deterministic=True
+            )
+        result = self.env.step(action)
+        self._observation, view = result.observation, result.view
+        self.frame = self._frame(
+            view.reference[0, POS],
+            view.reference_quat[0],
+            float(result.reward[0]),
+            float(view.deviation[0]),
+            str(result.termination[0]),
+        )
+        return self.frame
+
+    def command(self, mode: str, **parameters: float | str) -> None:
+        """Have the robot go on with a mode (:meth:`BatchEnv.command`); in a timed task, begin anew with it.
+
+        :raises KeyError: for an unknown mode or parameter
+        """
+        self.env.command(0, mode, **parameters)
+        if self.env.course.timed:
+            self.reset()
+
+    def push(self, velocity: tuple[float, float]) -> None:
+        """Change the velocity of the base at once.
+
+        :param velocity: along x and y of the world, m/s
+        """
+        v = self.env.sim.base_qvel
+        self.env.sim.qvel[0, v : v + 2] += velocity
+
+    def _frame(self, reference: np.ndarray, quat: np.ndarray, reward: float, deviation: float, ended: str) -> Frame:
+        env, p, v = self.env, self.env.sim.base_qpos, self.env.sim.base_qvel
+        qpos, ghost = env.sim.qpos[0].copy(), self._nominal.copy()
+        ghost[p : p + 3], ghost[p + 3 : p + 7] = reference, quat
+        x = float(qpos[p])
+        self._ground = join_terrain([self._ground[self._ground[:, X1] > x - SEEN_BEHIND], env.terrain[0]])
+        return Frame(
+            robot=np.zeros(0) if self.policy is None else qpos,
+            ghost=ghost,
+            base=qpos[p : p + 3],
+            reference=np.array(reference),
+            trail=env.plan(0)[:, POS],
+            terrain=self._ground,
+            mode=_described(env.course.mode_at(0, x)),
+            time=float(env.step_count[0]) * self.task.control_dt,
+            speed=float(np.linalg.norm(env.sim.qvel[0, v : v + 2])),
+            reward=reward,
+            deviation=deviation,
+            ended=ended,
+        )
+
+
+def _described(call: ModeCall) -> str:
+    values = [v if isinstance(v, str) else f"{key} {v:.2f}" for key, v in call.parameters.items()]
+    return " ".join([call.name, ", ".join(values)]).strip()

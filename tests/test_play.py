@@ -1,0 +1,88 @@
+"""ogmp-play as a user runs it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+from test_train import SMALL, program
+
+from ogmp_sb3 import video
+from ogmp_sb3.play import PlayConfig, load
+from ogmp_sb3.player import Player
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A policy that has hardly trained."""
+    folder = tmp_path_factory.mktemp("play")
+    done = program("train", "task=parkour", "total_timesteps=128", *SMALL, "hydra.run.dir=run", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run"
+
+
+def test_overrides_and_scene_change_the_task_that_a_policy_plays(run: Path) -> None:
+    task, policy = load(PlayConfig(run=str(run), scene="pace_to_jump"), ["oracle=lqr", "rho=0.3"])
+    assert (task.oracle, task.rho) == ("lqr", 0.3)
+    player = Player(task, policy)
+    assert player.frame.mode == "pace v 0.60, length 1.50"
+    assert player.step().time == pytest.approx(0.03)
+
+
+def test_a_task_without_a_policy_takes_the_same_keys() -> None:
+    task, policy = load(PlayConfig(task="parkour", scene="faster"), ["track.width=3.0"])
+    assert policy is None
+    assert (task.track.width, len(task.sampling.sequence)) == (3.0, 4)
+
+
+def test_a_policy_plays_into_a_file(run: Path, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="drawing needs the extra 'viewer'")
+    try:
+        video.gl_library()
+    except ValueError as error:
+        pytest.skip(str(error))
+    done = program("play", f"run={run}", "video=out/a.gif", "seconds=0.24", "seed=3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "out/a.gif"
+    with image.open(tmp_path / "out" / "a.gif") as gif:
+        assert gif.n_frames == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["seed=1"], "give either 'run' (a policy) or 'task'"),
+        (["run=a", "task=parkour"], "give either 'run' (a policy) or 'task'"),
+        (["task=parkuor"], "Did you mean 'parkour'?"),
+        (["run=nowhere"], "neither a run directory nor a shipped policy"),
+        (["task=parkour", "video=a.avi"], "'video' must end in .mp4, .gif, .png"),
+        (["task=parkour", "scene=pace_to_jmp"], "Did you mean 'pace_to_jump'?"),
+        (["task=parkour", "sedd=1"], "Did you mean 'seed'?"),
+        (["task=parkour", "seconds=0"], "'seconds' must be above 0"),
+        (["task=parkour", "modes.jump.hh=1"], "no parameter 'hh'"),
+    ],
+)
+def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, tmp_path: Path) -> None:
+    done = program("play", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_the_viewer_says_where_it_listens_and_stops_on_ctrl_c() -> None:
+    pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
+    command = [sys.executable, "-u", "-m", "ogmp_sb3.play", "task=dive", "port=0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as viewer:
+        assert viewer.stdout is not None and viewer.stderr is not None
+        line = next(line for line in viewer.stdout if "http://" in line)
+        url = next(word for word in line.split() if word.startswith("http://"))
+        assert url.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(url) as page:
+            assert page.status == 200
+        viewer.send_signal(signal.SIGINT)
+        assert viewer.wait(30) == 130
+        assert "Traceback" not in viewer.stderr.read()

@@ -1,0 +1,150 @@
+"""Playing step by step, without viewer and without a trained policy."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from ogmp_sb3.config import load_task
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.frame import Frame
+from ogmp_sb3.player import Player, endless
+from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.terrain import X1, height_at
+
+
+class Still:
+    """A policy that holds the nominal pose, and remembers when it was told that an episode starts."""
+
+    def __init__(self, observations: int) -> None:
+        self.observation_space = spaces.Box(-1.0, 1.0, (observations,))
+        self.starts: list[bool] = []
+
+    def predict(self, observation: np.ndarray, state: Any, episode_start: np.ndarray, deterministic: bool) -> Any:
+        assert deterministic
+        self.starts.append(bool(episode_start[0]))
+        return np.zeros((1, 10)), (np.zeros(1),)
+
+
+def still_player(task: TaskConfig, seed: int = 0) -> Player:
+    return Player(task, cast(LstmPolicy, Still(BatchEnv(task).observation_size)), seed)
+
+
+def flat(**overrides: Any) -> TaskConfig:
+    return load_task("parkour", {"modes.jump": None, "modes.leap": None, "curriculum": None, **overrides})
+
+
+def until_end(player: Player) -> list[Frame]:
+    frames = [player.step()]
+    while not frames[-1].ended:
+        frames.append(player.step())
+        assert len(frames) < 1000
+    return frames
+
+
+def test_a_policy_s_frames_are_those_of_the_environment() -> None:
+    task = flat()
+    player, env = still_player(task, seed=3), BatchEnv(endless(task), 1, 3)
+    env.reset()
+    for step in range(1, 11):
+        frame, result = player.step(), env.step(np.zeros((1, 10)))
+        np.testing.assert_array_equal(frame.robot, env.sim.qpos[0])
+        np.testing.assert_array_equal(frame.reference, result.view.reference[0, 3:6])
+        np.testing.assert_array_equal(frame.ghost[3:7], result.view.reference_quat[0])
+        assert frame.deviation == result.view.deviation[0]
+        assert frame.reward == result.reward[0]
+        assert frame.time == pytest.approx(0.03 * step)
+
+
+def test_an_episode_that_ended_begins_anew_with_a_fresh_policy_state() -> None:
+    player = still_player(load_task("dive"))
+    frames = until_end(player)
+    assert frames[-1].ended == "fall"
+    again = player.step()
+    assert (again.time, again.ended) == (0.0, "")
+    player.step()
+    starts = cast(Still, player.policy).starts
+    assert [i for i, start in enumerate(starts) if start] == [0, len(frames)]
+
+
+def test_a_policy_of_other_observations_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"the task shows \d+ numbers, but the policy observes 3"):
+        Player(flat(), cast(LstmPolicy, Still(3)))
+
+
+def test_neither_bound_nor_time_ends_an_episode_on_a_track() -> None:
+    task = endless(flat(rho=0.01, episode_steps=5))
+    assert task.rho is None and task.min_step_reward is None and task.track.length is None
+    assert task.episode_steps > 10**6
+    assert endless(load_task("dive")).episode_steps == load_task("dive").evaluation.episode_steps
+
+
+def test_the_same_seed_gives_the_same_episode() -> None:
+    player = still_player(load_task("parkour"), seed=1)
+    first = [player.step().robot for _ in range(10)]
+    player.reset(seed=1)
+    np.testing.assert_array_equal([player.step().robot for _ in range(10)], first)
+
+
+def test_the_oracle_alone_follows_its_own_references_without_a_robot() -> None:
+    player = Player(load_task("parkour"), None)
+    plan = player.frame.trail
+    for knot in range(1, 30):
+        frame = player.step()
+        np.testing.assert_allclose(frame.ghost[:3], plan[knot], atol=1e-12)
+        assert frame.deviation == pytest.approx(0.0, abs=1e-9)
+        assert not len(frame.robot)
+    player.step()
+    np.testing.assert_allclose(player.frame.ghost[:3], plan[30], atol=1e-12)
+    np.testing.assert_allclose(player.frame.trail[0], plan[30], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["parkour", "stairs"])
+def test_the_oracle_alone_crosses_the_whole_track_over_its_terrain(name: str) -> None:
+    player = Player(load_task(name), None)
+    for _ in range(400):
+        frame = player.step()
+        assert not frame.ended
+        assert height_at(frame.terrain[None], frame.base[None, None, :2]) > -1.0
+        assert (frame.terrain[:, X1] > frame.base[0] - 7.0).all()
+    assert frame.base[0] > 6.0
+
+
+def test_the_oracle_alone_needs_no_encoder() -> None:
+    task = load_task("parkour", {"encoder": None})
+    assert task.uses_latent
+    assert Player(task, None).step().time > 0
+
+
+def test_a_command_comes_next() -> None:
+    player = Player(flat(), None)
+    player.command("pace", v=1.1, length=3.0)
+    modes = {player.step().mode for _ in range(120)}
+    assert "pace v 1.10, length 3.00" in modes
+
+
+def test_a_command_of_a_timed_task_begins_anew_with_it() -> None:
+    player = Player(load_task("dive"), None)
+    assert list(player.commands) == ["flip"]
+    player.step()
+    player.command("flip", r="left", h=1.2)
+    assert player.frame.time == 0.0
+    assert player.frame.mode == "flip left, h 1.20"
+    while player.step().mode != "settle":
+        pass
+    assert player.frame.base[1] > 0.3
+
+
+def test_unknown_commands_are_refused() -> None:
+    with pytest.raises(KeyError, match="no mode 'hop'"):
+        Player(flat(), None).command("hop")
+
+
+def test_a_push_changes_the_velocity_at_once() -> None:
+    pushed, left_alone = still_player(flat()), still_player(flat())
+    pushed.push((0.0, 0.5))
+    assert pushed.step().base[1] - left_alone.step().base[1] == pytest.approx(0.5 * 0.03, rel=0.3)

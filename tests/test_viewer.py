@@ -1,0 +1,224 @@
+"""The browser viewer: what its controls do, and what a real browser shows."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from test_player import flat, still_player
+
+from ogmp_sb3.config import load_task
+from ogmp_sb3.player import Player
+from ogmp_sb3.viewer import Viewer
+
+pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
+
+STEP = 0.03  # s
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Player], Viewer]]:
+    """Make viewers, and stop them afterwards."""
+    viewers: list[Viewer] = []
+
+    def make(player: Player) -> Viewer:
+        with contextlib.redirect_stdout(io.StringIO()):
+            viewers.append(Viewer(player, "127.0.0.1", 0))
+        return viewers[-1]
+
+    yield make
+    for viewer in viewers:
+        viewer.server.stop()
+
+
+def controls(viewer: Viewer) -> dict[str, Any]:
+    """The visible controls by label; button groups by their options."""
+    handles = viewer.server.gui._gui_input_handle_from_uuid.values()
+    shown = [h for h in handles if h.visible]
+    return {getattr(h, "label", "") or ", ".join(h.options): h for h in shown}
+
+
+def test_time_passes_at_the_speed_that_was_chosen(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    for speed, steps in ((1.0, 20), (0.5, 10), (2.0, 40)):
+        viewer.speed = speed
+        start = viewer.player.frame.time
+        for _ in range(20):
+            viewer.advance(STEP)
+        assert viewer.player.frame.time - start == pytest.approx(steps * STEP, abs=STEP)
+
+
+def test_nothing_moves_while_paused_but_single_steps(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    viewer.paused = True
+    for _ in range(5):
+        viewer.advance(STEP)
+    assert viewer.player.frame.time == 0.0
+    viewer._single_step()
+    viewer.advance(STEP)
+    assert viewer.player.frame.time == pytest.approx(STEP)
+
+
+def test_between_two_steps_the_robot_is_on_the_way(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    viewer.speed = 0.25
+    places = []
+    for _ in range(40):
+        viewer.advance(STEP)
+        places.append(-viewer.stage.world.position[0])
+    distances = np.diff(places)
+    assert (distances > 0).all()
+    assert distances.max() < 2.5 * np.median(distances)
+
+
+def test_the_world_moves_under_the_robot_until_the_camera_is_let_go(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    for _ in range(20):
+        viewer.advance(STEP)
+    assert -viewer.stage.world.position[0] == pytest.approx(viewer.player.frame.base[0], abs=0.05)
+    viewer.stage.follow = False
+    before = viewer.stage.world.position.copy()
+    for _ in range(20):
+        viewer.advance(STEP)
+    np.testing.assert_array_equal(viewer.stage.world.position, before)
+
+
+def test_without_a_policy_there_is_no_robot_to_push(serve) -> None:
+    alone, policy = serve(Player(load_task("parkour"), None)), serve(still_player(flat()))
+    assert not alone.stage.robot.node.visible and policy.stage.robot.node.visible
+    assert "Velocity" not in controls(alone) and "Velocity" in controls(policy)
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive", "stairs"])
+def test_every_mode_of_a_shipped_task_can_be_commanded(name: str, serve) -> None:
+    viewer = serve(Player(load_task(name), None))
+    for mode, ranges in viewer.player.commands.items():
+        controls(viewer)["Mode"].value = mode
+        for _ in range(50):
+            if set(ranges) <= set(controls(viewer)):
+                break
+            time.sleep(0.02)
+        shown = controls(viewer)
+        assert set(ranges) <= set(shown)
+        others = {key for other, keys in viewer.player.commands.items() if other != mode for key in keys}
+        assert not (others - set(ranges)) & set(shown)
+
+
+def test_commands_that_leave_no_room_for_terrain_end_the_episode_and_say_so(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    for _ in range(200):
+        viewer.player.command("pace", v=0.8, length=0.02)
+    for _ in range(200):
+        viewer.advance(STEP)
+    assert "too short" in viewer._last_end
+    assert viewer.player.frame.time > 0
+
+
+class Browser:
+    """A Chromium without a window, driven through its DevTools protocol."""
+
+    def __init__(self, url: str, folder: Path) -> None:
+        from websockets.sync.client import connect
+
+        flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+        flags += ["--enable-unsafe-swiftshader", "--window-size=900,700", "--remote-debugging-port=0"]
+        self.process = subprocess.Popen(
+            [cast(str, CHROMIUM), *flags, f"--user-data-dir={folder}", url], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        found = (re.search(r"listening on ws://([^/]+)/", line) for line in self.process.stderr)
+        address = next(match[1] for match in found if match)
+        while True:
+            with urllib.request.urlopen(f"http://{address}/json") as answer:
+                pages = [target for target in json.load(answer) if target["type"] == "page"]
+            if pages:
+                break
+            time.sleep(0.1)
+        self.socket = connect(pages[0]["webSocketDebuggerUrl"], max_size=None)
+        self.numbers = itertools.count()
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        number = next(self.numbers)
+        self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while (answer := json.loads(self.socket.recv(timeout=120))).get("id") != number:
+            pass
+        return answer["result"]
+
+    def javascript(self, expression: str) -> Any:
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def click(self, label: str) -> None:
+        assert self.javascript(
+            f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText == '{label}');"
+            " if (b) b.click(); return Boolean(b) })()"
+        )
+
+    def picture(self) -> np.ndarray:
+        from PIL import Image
+
+        png = base64.b64decode(self.call("Page.captureScreenshot")["data"])
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+    def close(self) -> None:
+        self.call("Browser.close")
+        self.socket.close()
+        self.process.wait(60)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the viewer with")
+def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tmp_path: Path) -> None:
+    viewer = serve(still_player(flat()))
+    viewer.paused = True
+    for _ in range(4):
+        viewer.step()
+    browser = Browser(f"http://127.0.0.1:{viewer.server.get_port()}", tmp_path)
+    try:
+
+        def until(condition: Callable[[], Any], seconds: float = 90.0) -> None:
+            end = time.monotonic() + seconds
+            while not condition():
+                assert time.monotonic() < end, browser.javascript("document.body.innerText")
+                viewer.advance(0.1)
+                time.sleep(0.1)
+
+        until(lambda: "Command" in (browser.javascript("document.body.innerText") or ""))
+        scene = slice(160, None), slice(None, 570)  # below the notice of software rendering, beside the panel
+
+        def orange() -> int:
+            red, green, blue = np.moveaxis(browser.picture()[scene], -1, 0)
+            return int(((red > 1.4 * green) & (green > 1.5 * blue) & (red > 120)).sum())
+
+        def blue() -> int:
+            picture = browser.picture()[scene]
+            return int((picture[..., 2] - picture[..., 0] > 100).sum())
+
+        until(lambda: orange() > 30 and blue() > 100)
+        viewer.stage.ghost.node.visible = viewer.stage.trail.visible = False
+        until(lambda: blue() < 20)
+
+        steps = viewer.player.env.step_count[0]
+        browser.click("Step")
+        until(lambda: viewer.player.env.step_count[0] == steps + 1)
+        browser.click("forward")
+        speed = viewer.player.env.sim.qvel[0, 0]
+        until(lambda: viewer.player.env.sim.qvel[0, 0] > speed + 0.4)
+        browser.click("Next")
+        until(lambda: viewer.player.env.course.commands[0])
+        browser.click("Reset")
+        until(lambda: viewer.player.frame.time == 0.0)
+    finally:
+        browser.close()
