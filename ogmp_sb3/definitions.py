@@ -111,6 +111,8 @@ class RobotConfig:
             _positive(name, getattr(self, name))
         for value in (self.srb.mass, *self.srb.inertia):
             _positive("srb", value)
+        if not self.feet:
+            raise ValueError("'feet' names no body.")
         _all_different("joints", self.joints)
         _all_different("feet", self.feet)
 
