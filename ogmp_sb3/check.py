@@ -19,10 +19,6 @@ from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, STATE_SIZE
 
 PROGRAM = "ogmp-check"
-KINDS = (
-    registry.modes, registry.oracles, registry.observations, registry.rewards, registry.terminations,
-    registry.metrics, registry.objectives,
-)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +100,11 @@ def _run(arguments: list[str]) -> None:
     console = Console()
     _describe(task, BatchEnv(task, num_envs=1), console)
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
-    for kind in KINDS:
+    for kind in registry.KINDS:
         known.add_row(f"{kind.kind}s", ", ".join(f"{n}({', '.join(kind.parameters(n))})" for n in kind.names()))
+    for plugin in registry.load_plugins():
+        state = plugin.version if plugin.error is None else f"{plugin.version}, broken: {plugin.error}"
+        known.add_row(f"plug-in {plugin.name}", f"{plugin.distribution} {state}")
     console.print(known)
     if config.out:
         path = Path(config.out) / "references.png"

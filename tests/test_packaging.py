@@ -20,7 +20,8 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"registry", "rotations"},
+    {"plugins", "rotations"},
+    {"registry"},
     {"schema", "srb"},
     {"definitions"},
     {"config"},
