@@ -139,7 +139,7 @@ class SequenceEntry:
         if not isinstance(data, Mapping) or len(data) != 1:
             raise TypeError(f"{where} must be a mode, or one mode with parameters, found {describe(data)}.")
         ((mode, ranges),) = data.items()
-        return cls(str(mode), read(dict[str, Range], ranges or {}, where / mode))
+        return cls(str(mode), read(dict[str, Range], {} if ranges is None else ranges, where / mode))
 
 
 @dataclass(frozen=True, kw_only=True)

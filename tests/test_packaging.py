@@ -24,7 +24,7 @@ LAYERS = (
     {"registry"},
     {"schema", "srb"},
     {"definitions"},
-    {"config"},
+    {"config", "json_schema"},
     {"riccati", "terrain"},
     {"modes"},
     {"reference", "sampling"},

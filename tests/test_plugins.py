@@ -18,16 +18,19 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
 import ogmp_sb3
 from ogmp_sb3 import registry
 from ogmp_sb3.config import load_robot, load_task, task_names, task_path
 from ogmp_sb3.definitions import RobotConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.modes import Contact
 from ogmp_sb3.plugins import NameTaken
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.sampling import ModeCall
+from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.sim import build_model
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ogmp_pup"
@@ -303,6 +306,14 @@ def test_the_example_s_reward_falls_with_the_speed_of_the_joints(pup: RobotConfi
     calm, view = registry.rewards.get("calm"), env.view()
     fast = dataclasses.replace(view, joint_vel=np.array([np.zeros(12), np.full(12, 10 / np.sqrt(12))]))
     np.testing.assert_allclose(calm(fast, weight=0.5, sharpness=0.1), [0.5, 0.5 * np.exp(-1)])
+
+
+def test_the_schema_for_editors_knows_what_the_example_brings(pup: RobotConfig) -> None:
+    data = read_yaml(task_path("hurdles"))
+    validator = Draft202012Validator(task_schema())
+    validator.validate(data)
+    data["modes"]["hurdle"]["hight"] = 0.1
+    assert not validator.is_valid(data)
 
 
 COMMANDS = """
