@@ -38,7 +38,7 @@ LAYERS = (
     {"recurrent"},
     {"checkpoints"},
     {"recipe"},
-    {"plotting", "logs", "cli", "episodes"},
+    {"plotting", "logs", "cli", "episodes", "zoo"},
     {"train", "evaluate", "check", "encode", "bench", "bench_physics"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
