@@ -27,11 +27,14 @@ from ogmp_sb3.definitions import RobotConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.modes import Contact
+from ogmp_sb3.oracles import Plant
 from ogmp_sb3.plugins import NameTaken
 from ogmp_sb3.recipe import versions
+from ogmp_sb3.reference import SetPoints
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.sim import build_model
+from ogmp_sb3.srb import POS, VEL
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")
@@ -301,6 +304,18 @@ def test_the_example_s_mode_flies_over_the_bar_with_the_whole_body(pup: RobotCon
     assert flight.apex == pytest.approx(0.5 * 0.5 * 9.81 * half**2 * 2)
 
 
+def test_the_example_s_oracle_lets_the_offset_fade_and_ends_on_the_set_points(pup: RobotConfig) -> None:
+    points = SetPoints(np.zeros((2, 31, 12)), np.ones((2, 30), bool), np.zeros((2, 30), int), np.full(2, 30), 1.0)
+    points.state[..., POS] = np.linspace([0, 0, 0.25], [1, 0, 0.25], 31)
+    x0 = np.random.default_rng(0).normal(size=(2, 12))
+    reference = registry.oracles.get("fade")(points, x0, Plant(pup.srb, 0.03), time_constant=0.06).state
+    np.testing.assert_array_equal(reference[:, 0], x0)
+    offset = reference[..., POS] - points.state[..., POS]
+    np.testing.assert_allclose(offset[:, 2::2], offset[:, :-1:2] / np.e, atol=1e-12)
+    np.testing.assert_allclose(reference[:, -1, POS], points.state[:, -1, POS], atol=1e-5)
+    np.testing.assert_allclose(reference[:, 1:, VEL] * 0.03, np.diff(reference[..., POS], axis=1), atol=1e-12)
+
+
 def test_the_example_s_reward_falls_with_the_speed_of_the_joints(pup: RobotConfig) -> None:
     env = BatchEnv(load_task("hurdles"), num_envs=2)
     calm, view = registry.rewards.get("calm"), env.view()
@@ -323,7 +338,7 @@ assert "ogmp_pup" not in sys.modules
 small = "num_envs=8 ppo.n_steps=16 ppo.batch_size=64 torch_threads=1 physics_threads=1 hydra.run.dir=run".split()
 for program, arguments in (
     ("check", ["task=hurdles"]),
-    ("train", ["task=hurdles", "total_timesteps=256", *small]),
+    ("train", ["task=hurdles", "oracle=fade", "total_timesteps=256", *small]),
     ("evaluate", ["run=run", "episodes=2", "evaluation.episode_steps=10"]),
     ("encode", ["task=hurdles", "references=10", "updates=10"]),
 ):
