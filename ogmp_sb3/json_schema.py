@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ogmp_sb3 import registry
-from ogmp_sb3.definitions import CurriculumConfig, EvaluationConfig, SamplingConfig, TaskConfig
+from ogmp_sb3.definitions import CurriculumConfig, EvaluationConfig, Range, SamplingConfig, TaskConfig
 from ogmp_sb3.registry import Registry
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 
@@ -30,6 +30,7 @@ SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
 WEIGHTS = {"Q": STATE_NAMES, "R": INPUT_NAMES}  # parameters of oracles whose keys are known
 NULL: Schema = {"type": "null"}
 NUMBER: Schema = {"type": "number"}
+NUMBERS: list[Schema] = [NUMBER, {"type": "array", "prefixItems": [NUMBER, NUMBER], "minItems": 2, "maxItems": 2}]
 
 
 def task_schema() -> Schema:
@@ -88,6 +89,10 @@ def _of(annotation: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schem
     if origin is tuple:
         items = [_of(a, named) for a in arguments]
         return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+    if annotation is Range:
+        return {"anyOf": [*NUMBERS, *_one_or_more({"type": "string"})]}
+    if hasattr(annotation, "from_data"):  # reads itself, whatever it reads
+        return {}
     if dataclasses.is_dataclass(annotation):
         return _of_dataclass(annotation, named)  # type: ignore[arg-type]
     return {"type": SCALARS[annotation]} if annotation in SCALARS else {}
@@ -115,10 +120,12 @@ def _call(kind: Registry[Any], name: str, partial: bool = False) -> Schema:
 def _range(annotation: Any) -> Schema:
     """A mode parameter: fixed or drawn."""
     if typing.get_origin(annotation) is typing.Literal:
-        words = {"enum": list(typing.get_args(annotation))}
-        return {"anyOf": [words, _list(words)]}
-    limits = {"type": "array", "prefixItems": [NUMBER, NUMBER], "minItems": 2, "maxItems": 2}
-    return {"anyOf": [NUMBER, limits]}
+        return {"anyOf": _one_or_more({"enum": list(typing.get_args(annotation))})}
+    return {"anyOf": NUMBERS}
+
+
+def _one_or_more(item: Schema) -> list[Schema]:
+    return [item, _list(item)]
 
 
 def _mapping(properties: Mapping[str, Schema], needed: Iterable[str] = ()) -> Schema:
@@ -131,7 +138,7 @@ def _list(items: Schema) -> Schema:
 
 
 def _or_null(schema: Schema) -> Schema:
-    return {"anyOf": [schema, NULL], "description": schema["description"]}
+    return _described({"anyOf": [schema, NULL]}, schema.get("description"))
 
 
 def _described(schema: Schema, text: str | None, default: Any = dataclasses.MISSING) -> Schema:

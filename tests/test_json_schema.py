@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,8 +16,9 @@ from test_config import KEYS, KNOWN, SHIPPED, edited, mutated, nodes, parent
 
 from ogmp_sb3 import check, registry
 from ogmp_sb3.config import TASKS_DIR, task_from_data
+from ogmp_sb3.definitions import Range, SequenceEntry
 from ogmp_sb3.json_schema import task_schema
-from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.schema import Where, read, read_yaml
 
 SCHEMA = task_schema()
 VALIDATOR = Draft202012Validator(SCHEMA)
@@ -184,6 +186,28 @@ def test_what_is_registered_later_is_in_the_schema(monkeypatch: pytest.MonkeyPat
         "additionalProperties": False,
         "description": "Hop.",
     }
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Wind."""
+
+    speed: Range | None = None
+    """m/s"""
+    entries: tuple[SequenceEntry, ...] = ()
+
+
+@pytest.mark.parametrize("value", [3, 0.5, [0.5, 2], "front", ["front", "back"], None])
+def test_a_range_may_stand_in_any_dataclass(monkeypatch: pytest.MonkeyPatch, value: Any) -> None:
+    def gust(view, wind: Wind): ...
+
+    monkeypatch.setattr(registry.rewards, "_functions", {"gust": gust})
+    validator = Draft202012Validator(task_schema()["properties"]["rewards"])
+    data = {"speed": value, "entries": ["jump", {"pace": {"v": 1}}]}
+    read(Wind, data, Where("file"))
+    validator.validate({"gust": {"wind": data}})
+    for wrong in ({"speeed": value}, {"speed": {"low": 1}}, {"speed": [1, 2, 3]}):
+        assert not validator.is_valid({"gust": {"wind": wrong}})
 
 
 def test_check_writes_it_and_needs_no_task(tmp_path: Path, monkeypatch, capsys) -> None:
