@@ -152,13 +152,19 @@ class OgmpVecEnv(VecEnv):
 class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One environment of a task, for Gymnasium.
 
-    :param task: a task, the name of a shipped one, or the path of a YAML file
+    :param task: a task, the name of a shipped one or of one in a plug-in, or the path of a YAML file
+    :param render_mode: must be None: this environment does not draw
     :param overrides: replace values of the task, e.g. ``rho=0.3`` or ``**{"modes.jump.h": 0.2}``
+    :raises TypeError: for another render mode
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
 
-    def __init__(self, task: TaskConfig | str | Path = "parkour", **overrides: Any) -> None:
+    def __init__(
+        self, task: TaskConfig | str | Path = "parkour", render_mode: str | None = None, **overrides: Any
+    ) -> None:
+        if render_mode is not None:  # SB3's make_vec_env tries "rgb_array", and takes a TypeError for a no
+            raise TypeError(f"this environment does not draw: 'render_mode' must be None, found {render_mode!r}.")
         task = _loaded(task, overrides)
         self.batch = BatchEnv(task, num_envs=1, threads=1)
         self.observation_space, self.action_space = _spaces(self.batch)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
+from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.plotting import plot_references
 from ogmp_sb3.randomisation import PushConfig
 from ogmp_sb3.ranges import Range
@@ -21,24 +23,30 @@ from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, STATE_SIZE
 
 PROGRAM = "ogmp-check"
-KINDS = (
-    registry.modes, registry.oracles, registry.observations, registry.rewards, registry.terminations,
-    registry.metrics, registry.objectives,
-)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckConfig:
     """Keys of the command line."""
 
-    task: str = cli.option("a shipped task or the path of a YAML file; the key may be left out")
+    task: str | None = cli.option("a task by name or the path of a YAML file; the key may be left out", None)
+    schema: str | None = cli.option("file for the JSON Schema of task files, for editors; needs no task", None)
     out: str | None = cli.option("directory for references.png; null: no picture", None)
+
+    def __post_init__(self) -> None:
+        if self.task is None and self.schema is None:
+            raise ValueError("give a task to check (ogmp-check parkour) or a 'schema' to write.")
 
 
 HELP = cli.usage(
     PROGRAM,
     "validate a task file, list what one can name, and draw the references of its modes.",
-    ["ogmp-check parkour", "ogmp-check path/to/my_task.yaml out=check", "ogmp-check dive rho=0.1 oracle=lqr"],
+    [
+        "ogmp-check parkour",
+        "ogmp-check path/to/my_task.yaml out=check",
+        "ogmp-check dive rho=0.1 oracle=lqr",
+        "ogmp-check schema=task.schema.json",
+    ],
     CheckConfig,
     "any other key of the task file",
 )
@@ -111,15 +119,25 @@ def _range_text(range_: Range) -> str:
 def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"task={a}" for a in arguments]
     config, overrides = cli.parse(CheckConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    task = load_task(config.task, overrides)
     console = Console()
+    if config.schema:
+        Path(config.schema).write_text(json.dumps(task_schema(), indent=1), encoding="utf-8")
+        console.print(config.schema)
+    if config.task:
+        _check(load_task(config.task, overrides), config.out, console)
+
+
+def _check(task: TaskConfig, out: str | None, console: Console) -> None:
     _describe(task, BatchEnv(task, num_envs=1), console)
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
-    for kind in KINDS:
+    for kind in registry.KINDS:
         known.add_row(f"{kind.kind}s", ", ".join(f"{n}({', '.join(kind.parameters(n))})" for n in kind.names()))
+    for plugin in registry.load_plugins():
+        state = plugin.version if plugin.error is None else f"{plugin.version}, broken: {plugin.error}"
+        known.add_row(f"plug-in {plugin.name}", f"{plugin.distribution} {state}")
     console.print(known)
-    if config.out:
-        path = Path(config.out) / "references.png"
+    if out:
+        path = Path(out) / "references.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         plot_references(reference_panels(task), task.control_dt, path)
         console.print(str(path))

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3 import registry
 from ogmp_sb3.definitions import ModeRanges, RobotConfig, Scene, TaskConfig, Terms
-from ogmp_sb3.registry import Registry, did_you_mean
+from ogmp_sb3.registry import Registry, broken_plugins, did_you_mean, load_plugins
 from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 
@@ -22,7 +22,7 @@ SCENES_DIR = TASKS_DIR / "scenes"
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
     """Read and check a task: the one door for YAML, overrides and keyword arguments alike.
 
-    :param name_or_path: a shipped task (``"parkour"``) or the path of a YAML file
+    :param name_or_path: a shipped task (``"parkour"``), one of a plug-in, or the path of a YAML file
     :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
     :raises ValueError: for a value that is out of range or a file that cannot be read
     :raises KeyError: for an unknown or missing name
@@ -95,7 +95,7 @@ def task_path(name_or_path: str | Path) -> Path:
     """Where a task's YAML is.
 
     :raises ValueError: if there is no such file
-    :raises KeyError: if there is no shipped task of this name
+    :raises KeyError: if no task of this name ships or is in a plug-in
     """
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
@@ -104,20 +104,34 @@ def task_path(name_or_path: str | Path) -> Path:
             raise ValueError(f"{text}: no such file.")
         return path
     path = TASKS_DIR / f"{text}.yaml"
-    if not _is_file(path):
-        raise KeyError(f"unknown task {text!r}{did_you_mean(text, task_names())} Or give the path of a YAML file.")
-    return path
+    if _is_file(path):
+        return path
+    tasks = _task_files()
+    if text not in tasks:
+        known = did_you_mean(text, tasks)
+        raise KeyError(f"unknown task {text!r}{known} Or give the path of a YAML file.{broken_plugins()}")
+    return tasks[text]
 
 
 def task_names() -> list[str]:
-    """The shipped tasks."""
-    return sorted(p.stem for p in TASKS_DIR.glob("*.yaml"))
+    """The tasks that ship, and those of plug-ins."""
+    return sorted(_task_files())
+
+
+def _task_files() -> dict[str, Path]:
+    return {path.stem: path for path in _files("tasks/*.yaml")}
+
+
+def _files(pattern: str) -> list[Path]:
+    """Files that ship or that plug-ins bring."""
+    folders = [PACKAGE, *(plugin.folder for plugin in load_plugins() if plugin.folder)]
+    return [path for folder in folders for path in sorted(folder.glob(pattern))]
 
 
 def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     """Read and check a robot file. Raises as :func:`load_task`.
 
-    :param name_or_path: a shipped robot (``"hector"``) or the path of a robot.yaml
+    :param name_or_path: a shipped robot (``"hector"``), one of a plug-in, or the path of a robot.yaml
     :param relative_to: directory that a relative path starts from
     """
     if name_or_path.endswith((".yaml", ".yml")):
@@ -125,8 +139,11 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     else:
         path = ROBOTS_DIR / name_or_path / "robot.yaml"
         if not _is_file(path):
-            names = [p.parent.name for p in ROBOTS_DIR.glob("*/robot.yaml")]
-            raise KeyError(f"unknown robot {name_or_path!r}{did_you_mean(name_or_path, names)}")
+            robots = {path.parent.name: path for path in _files("robots/*/robot.yaml")}
+            if name_or_path not in robots:
+                known = did_you_mean(name_or_path, robots)
+                raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
+            path = robots[name_or_path]
     robot = replace(read(RobotConfig, read_yaml(path), Where(_shown(path))), path=path)
     if not _is_file(robot.mjcf_path):
         raise ValueError(f"{Where(_shown(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")

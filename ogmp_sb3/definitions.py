@@ -69,6 +69,8 @@ class RobotConfig:
             _positive(name, getattr(self, name))
         for value in (self.srb.mass, *self.srb.inertia):
             _positive("srb", value)
+        if not self.feet:
+            raise ValueError("'feet' names no body.")
         _all_different("joints", self.joints)
         _all_different("feet", self.feet)
 
@@ -95,7 +97,7 @@ class SequenceEntry:
         if not isinstance(data, Mapping) or len(data) != 1:
             raise TypeError(f"{where} must be a mode, or one mode with parameters, found {describe(data)}.")
         ((mode, ranges),) = data.items()
-        return cls(str(mode), read(dict[str, Range], ranges or {}, where / mode))
+        return cls(str(mode), read(dict[str, Range], {} if ranges is None else ranges, where / mode))
 
 
 @dataclass(frozen=True, kw_only=True)

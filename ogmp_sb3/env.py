@@ -51,7 +51,8 @@ class StepResult:
 def make_oracle(task: TaskConfig) -> Oracle:
     """The task's oracle with its parameters bound."""
     parameters = task.oracle_params.get(task.oracle, {})
-    plant = Plant(task.robot_config.srb, task.control_dt)
+    robot = task.robot_config
+    plant = Plant(robot.srb, task.control_dt, feet=len(robot.feet))
     return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
 
 

@@ -34,7 +34,7 @@ from ogmp_sb3.srb import (
 Oracle = Callable[[SetPoints, np.ndarray], Reference]
 
 ORIENTATION_STEP = 0.05  # rad: mean orientations of contact segments are rounded to this, so that gains are reused
-FEET = 2
+MODEL_FEET = 2  # of the single rigid body as the paper writes it
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Plant:
     """single rigid body"""
     dt: float
     """control step = distance of knots, s"""
+    feet: int = 2
+    """how many feet of the robot share the total force and moment"""
 
 
 Orientation = tuple[float, float, float]
@@ -118,7 +120,7 @@ def preview(
     """
     index, orientations = _mean_orientations(set_points)
     _, P = _total_gain(plant, _freeze(Q), _freeze(R), eps, UPRIGHT)
-    weights = state_weights(Q, eps), input_weights(R) / FEET, P
+    weights = state_weights(Q, eps), input_weights(R) / plant.feet, P
     if len(orientations) == 1:
         dynamics = srb_axes(plant.srb, plant.dt)
         state = _simulate_preview_upright(
@@ -147,9 +149,12 @@ def _freeze(weights: dict[str, float]) -> tuple[tuple[str, float], ...]:
 def stationary_gains(
     plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float, mean_rpy: tuple[float, float, float]
 ) -> TrackingGains:
-    """The 12-input gains of one contact segment, straight from python-control."""
-    one_foot = input_weights(R)
-    both = np.concatenate([np.tile(one_foot[:3], FEET), np.tile(one_foot[3:], FEET)])
+    """The 12-input gains of one contact segment, straight from python-control.
+
+    The model has two feet. A robot with n spreads the same total over n, as two feet of 2/n times the weight would.
+    """
+    one_foot = input_weights(R) * MODEL_FEET / plant.feet
+    both = np.concatenate([np.tile(one_foot[:3], MODEL_FEET), np.tile(one_foot[3:], MODEL_FEET)])
     dynamics = srb_dynamics(plant.srb, plant.dt, np.array(mean_rpy))
     return tracking_gains(dynamics, np.diag(state_weights(Q, eps)), np.diag(both))
 
@@ -164,7 +169,7 @@ def _total_gain(
     give the same trajectory as 12.
     """
     gains = stationary_gains(plant, dict(Q), dict(R), eps, mean_rpy)
-    forces, moments = gains.K[:6].reshape(FEET, 3, STATE_SIZE), gains.K[6:].reshape(FEET, 3, STATE_SIZE)
+    forces, moments = gains.K[:6].reshape(MODEL_FEET, 3, STATE_SIZE), gains.K[6:].reshape(MODEL_FEET, 3, STATE_SIZE)
     return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), gains.P
 
 

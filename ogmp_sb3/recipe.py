@@ -9,6 +9,7 @@ from importlib import metadata
 from typing import Any
 
 from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.registry import loaded_plugins
 from ogmp_sb3.schema import Where, read, read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
@@ -115,4 +116,5 @@ def versions() -> dict[str, str]:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
+    found |= {plugin.distribution: plugin.version for plugin in loaded_plugins()}
     return {"python": platform.python_version(), "machine": platform.machine(), **found}

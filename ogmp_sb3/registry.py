@@ -2,6 +2,9 @@
 
 A registered function's signature is the schema of its YAML parameters: parameters without a default are
 required, the others are optional, and anything else is an error with the closest match.
+
+Plug-ins are loaded when a name is looked up that is not registered, or all names are asked for: where only what
+ships is named, none is.
 """
 
 from __future__ import annotations
@@ -9,7 +12,12 @@ from __future__ import annotations
 import difflib
 import inspect
 from collections.abc import Callable, Iterable
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any, Generic, TypeVar
+
+from ogmp_sb3 import plugins
+from ogmp_sb3.plugins import NameTaken, Plugin
 
 T = TypeVar("T", bound=Callable[..., Any])
 
@@ -42,26 +50,37 @@ class Registry(Generic[T]):
     def register(self, name: str | None = None) -> Callable[[T], T]:
         """Decorator that registers a function under ``name``, by default its own.
 
-        :raises ValueError: if the name is taken
+        :raises NameTaken: if the name is taken
+        :raises TypeError: if a YAML parameter has no annotation, by which its value is read
         """
 
         def decorate(function: T) -> T:
             key = name or function.__name__
             if key in self._functions:
-                raise ValueError(f"{self.kind} '{key}' is registered already.")
+                first, second = self._functions[key].__module__, function.__module__
+                raise NameTaken(f"{self.kind} '{key}' of {second} is registered already, by {first}.")
+            for parameter in list(inspect.signature(function).parameters.values())[self.arguments :]:
+                if parameter.annotation is inspect.Parameter.empty:
+                    raise TypeError(f"{self.kind} '{key}': the parameter '{parameter.name}' needs an annotation.")
             self._functions[key] = function
             return function
 
         return decorate
 
     def get(self, name: str) -> T:
-        """:raises KeyError: if nothing is registered under ``name``."""
+        """The function of a name.
+
+        :raises KeyError: if nothing is registered under it, by plug-ins neither
+        """
         if name not in self._functions:
-            raise KeyError(f"unknown {self.kind} {name!r}{did_you_mean(name, self._functions)}")
+            load_plugins()
+        if name not in self._functions:
+            raise KeyError(f"unknown {self.kind} {name!r}{did_you_mean(name, self._functions)}{broken_plugins()}")
         return self._functions[name]
 
     def names(self) -> list[str]:
-        """All registered names, sorted."""
+        """All names, those of plug-ins too, sorted."""
+        load_plugins()
         return sorted(self._functions)
 
     def parameters(self, name: str) -> dict[str, inspect.Parameter]:
@@ -93,3 +112,48 @@ rewards: Registry[Any] = Registry("reward", arguments=1)
 terminations: Registry[Any] = Registry("termination", arguments=1)
 metrics: Registry[Any] = Registry("metric", arguments=1)
 objectives: Registry[Any] = Registry("objective", arguments=1)
+
+KINDS = (modes, oracles, observations, rewards, terminations, metrics, objectives)
+
+_plugins: list[Plugin] | None = None  # None: not looked for yet
+
+
+def load_plugins() -> list[Plugin]:
+    """Import every installed plug-in, once. Of a broken one nothing stays registered.
+
+    :raises NameTaken: if one wants a name that is taken
+    """
+    global _plugins
+    if _plugins is None:
+        _plugins = []  # before the first is loaded, for it may look names up
+        try:
+            for entry in plugins.installed():
+                _plugins.append(_load(entry, [plugins.SHIPPED, *(p.folder for p in _plugins if p.folder)]))
+        except NameTaken:
+            _plugins = None
+            raise
+    return _plugins
+
+
+def _load(entry: EntryPoint, folders: list[Path]) -> Plugin:
+    before = [dict(kind._functions) for kind in KINDS]
+    try:
+        return plugins.load(entry, folders)
+    except Exception as error:
+        for kind, functions in zip(KINDS, before, strict=True):
+            kind._functions = functions
+        plugin = plugins.describe(entry, error=error)
+        if isinstance(error, NameTaken):
+            raise NameTaken(f"{plugin}: {error}") from None
+        return plugin
+
+
+def loaded_plugins() -> list[Plugin]:
+    """The plug-ins that are loaded now."""
+    return [plugin for plugin in _plugins or [] if not plugin.error]
+
+
+def broken_plugins() -> str:
+    """Why a name may be unknown, as sentences; empty if no plug-in is broken."""
+    broken = (plugin for plugin in load_plugins() if plugin.error)
+    return "".join(f" And {plugin} is broken ({plugin.error})." for plugin in broken)

@@ -13,7 +13,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from ogmp_sb3.config import TASKS_DIR, task_from_data
+from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
@@ -46,7 +46,10 @@ def _task_file(name: str) -> Path:
         path = Path(source.path) / "task" / f"{name}.yaml"
         if source.schema == "file" and path.is_file():
             return path
-    return TASKS_DIR / f"{name}.yaml"
+    try:
+        return task_path(name)
+    except KeyError:  # of a source that is no directory
+        return Path(f"{name}.yaml")
 
 
 @hydra.main(version_base="1.3", config_path="conf", config_name="train")
@@ -83,28 +86,46 @@ _task_files: dict[str, Path] = {}  # tasks given by path, by the name they are r
 
 
 def _register_tasks(arguments: list[str]) -> list[str]:
-    """Make shipped tasks, and tasks given by path, known to Hydra; returns the arguments with names for paths."""
-    store = ConfigStore.instance()
-    own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")}
-    for path in TASKS_DIR.glob("*.yaml"):
-        if path.stem in own:
-            continue  # a user's file of the same name counts
-        store.store(group="task", name=path.stem, node=OmegaConf.create(read_yaml(path)))
-    rewritten = []
+    """Make tasks known to Hydra: shipped ones, those given by path, and those of plug-ins if one may be meant.
+
+    :return: the arguments, with names for paths
+    :raises KeyError: for a task that is nowhere
+    """
+    _task_files.clear()
+    rewritten, names = [], set()
     for argument in arguments:
         key, sign, value = argument.partition("=")
         if key == "task" and sign:
-            names = []
-            for name in value.split(","):
-                if name.endswith((".yaml", ".yml")):
-                    path = Path(name)
-                    store.store(group="task", name=path.stem, node=OmegaConf.create(read_yaml(path)))
-                    _task_files[path.stem] = path
-                    name = path.stem
-                names.append(name)
-            argument = f"task={','.join(names)}"
+            given = [_register_path(name) for name in value.split(",")]
+            argument = f"task={','.join(given)}"
+            names.update(given)
         rewritten.append(argument)
+    known = {path.stem for path in TASKS_DIR.glob("*.yaml")}
+    own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")} | set(_task_files)
+    all_listed = not names or bool({"--help", "-h"} & set(arguments))
+    if all_listed or not names <= known | own:
+        known.update(task_names())
+    for name in known - own:  # a user's file of the same name counts
+        _store(name, task_path(name))
+    if not any(argument.startswith("hydra.searchpath=") for argument in arguments):
+        for name in names - known - own:
+            if name.replace("-", "_").isidentifier():  # not one of Hydra's expressions, such as glob(*)
+                task_path(name)
     return rewritten
+
+
+def _register_path(name: str) -> str:
+    """Make a task that is given by path known to Hydra; returns its name."""
+    if not name.endswith((".yaml", ".yml")):
+        return name
+    path = Path(name)
+    _store(path.stem, path)
+    _task_files[path.stem] = path
+    return path.stem
+
+
+def _store(name: str, path: Path) -> None:
+    ConfigStore.instance().store(group="task", name=name, node=OmegaConf.create(read_yaml(path)))
 
 
 def _config_dirs(arguments: list[str]) -> list[Path]:

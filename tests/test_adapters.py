@@ -8,9 +8,7 @@ import gymnasium.utils.env_checker
 import numpy as np
 import pytest
 import stable_baselines3.common.env_checker
-import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecMonitor
 
 import ogmp_sb3
 from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
@@ -255,28 +253,6 @@ def test_attributes_and_methods_are_reached_through_sb3_s_doors() -> None:
     with pytest.raises(AttributeError):
         vec.get_attr("no_such_thing")
     vec.close()
-
-
-def test_stock_ppo_learns_behind_monitor_and_normaliser() -> None:
-    vec = make_env("parkour", 4, seed=SEED, rho=0.1)
-    wrapped = VecNormalize(VecMonitor(vec))
-    torch.set_num_threads(1)  # beside other load, two threads spin against each other
-    model = PPO("MlpPolicy", wrapped, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu")
-    model.learn(256)
-    assert model.num_timesteps == 256
-    assert len(model.ep_info_buffer) > 0
-    for episode in model.ep_info_buffer:
-        assert 1 <= episode["l"] <= 300
-        assert np.isfinite(episode["r"])
-    action, _ = model.predict(wrapped.reset())
-    assert action.shape == (4, 10)
-
-
-def test_stock_ppo_learns_on_the_gymnasium_environment() -> None:
-    model = PPO("MlpPolicy", OgmpEnv("dive"), n_steps=64, batch_size=64, n_epochs=1, seed=0, device="cpu")
-    model.learn(128)
-    assert model.num_timesteps == 128
-    assert len(model.ep_info_buffer) > 0
 
 
 # ---- make_env ----

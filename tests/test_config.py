@@ -92,6 +92,7 @@ def test_the_shipped_robot_is_read_with_its_model_beside_it() -> None:
         ("nominal_joints", [0.0], ValueError, "10 joints but 1 nominal_joints"),
         ("nominal_height", 0, ValueError, "'nominal_height' must be above 0, found 0"),
         ("leg_length", math.nan, ValueError, "'leg_length' must be finite"),
+        ("feet", [], ValueError, "'feet' names no body"),
         ("feet", ["L_toe", "L_toe"], ValueError, "'feet' has 'L_toe' twice"),
         ("joints", ["L_knee"] * 10, ValueError, "'joints' has 'L_knee' twice"),
         ("mjcf", "nothing.xml", ValueError, r"'mjcf': there is no file .*nothing\.xml"),

@@ -1,6 +1,7 @@
 """Oracles against brute-force least squares, python-control and the laws of flight."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import control
 import numpy as np
@@ -430,3 +431,28 @@ def test_lqr_moves_as_twelve_inputs_with_the_gain_of_control_dlqr_would(r):
         x = model.A @ x + model.B @ u + model.d
         expected.append(x)
     np.testing.assert_allclose(q.ask("lqr").state[0], expected, rtol=0, atol=1e-9)
+
+
+def test_a_robot_with_four_feet_has_the_gain_of_control_dlqr_of_all_its_inputs():
+    q = query("parkour", [(ModeCall("settle", {}),)], np.zeros((1, STATE_SIZE)))
+    Q, R, _ = weights(q)
+    model = srb_dynamics(q.plant().srb, q.plant().dt, np.zeros(3))
+    force, moment = slice(0, 3), slice(6, 9)  # of the first foot; the others are the same
+    B = np.concatenate([model.B[:, force]] * 4 + [model.B[:, moment]] * 4, axis=1)
+    R = np.diag(np.concatenate([np.diag(R)[force]] * 4 + [np.diag(R)[moment]] * 4))
+    K, P, _ = control.dlqr(model.A, B, Q, R, method="scipy")
+    gains = stationary_gains(replace(q.plant(), feet=4), **q.params(), mean_rpy=(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(gains.P, P, rtol=1e-9, atol=1e-9)
+    for total, part in ((gains.K[:6], K[:12]), (gains.K[6:], K[12:])):
+        np.testing.assert_allclose(total.reshape(2, 3, 12).sum(axis=0), part.reshape(4, 3, 12).sum(axis=0), atol=1e-8)
+
+
+@pytest.mark.parametrize("oracle", ["lqr", "preview"])
+def test_four_feet_move_the_body_as_two_of_half_the_weight(oracle):
+    q = query("dive", [(ModeCall("flip", {"r": "front", "h": 1.0}),)], np.eye(STATE_SIZE)[[Z]] * 1.4)
+    Q, R, eps = q.params().values()
+    ask = partial(oracles.get(oracle), q.points, q.x0, Q=Q, eps=eps)
+    four = ask(plant=replace(q.plant(), feet=4), R=R).state
+    two = ask(plant=q.plant(), R={name: weight / 2 for name, weight in R.items()}).state
+    np.testing.assert_allclose(four, two, atol=1e-12)
+    assert np.abs(four - ask(plant=q.plant(), R=R).state).max() > 1e-4

@@ -20,12 +20,13 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"registry", "rotations"},
+    {"plugins", "rotations"},
+    {"registry"},
     {"schema", "srb"},
     {"ranges"},
     {"randomisation"},
     {"definitions"},
-    {"config"},
+    {"config", "json_schema"},
     {"riccati", "terrain"},
     {"modes", "frame"},
     {"reference", "sampling"},
@@ -40,7 +41,7 @@ LAYERS = (
     {"checkpoints"},
     {"onnx_models", "controller"},
     {"recipe"},
-    {"plotting", "logs", "cli", "episodes", "player", "stage"},
+    {"plotting", "logs", "cli", "episodes", "zoo", "player", "stage"},
     {"training", "robustness", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics"},
 )

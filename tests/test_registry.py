@@ -3,7 +3,7 @@
 import pytest
 
 from ogmp_sb3 import registry
-from ogmp_sb3.registry import Registry, did_you_mean
+from ogmp_sb3.registry import NameTaken, Registry, did_you_mean
 
 ALL = {
     "mode": registry.modes,
@@ -62,9 +62,21 @@ def test_register_hands_the_function_back_unchanged(terms: Registry) -> None:
 
 
 def test_a_name_cannot_be_registered_twice(terms: Registry) -> None:
-    with pytest.raises(ValueError, match=r"^term 'gap' is registered already\.$"):
-        terms.register("gap")(lambda view: None)
+    def step(view: object) -> None: ...
+
+    step.__module__ = "elsewhere"
+    with pytest.raises(NameTaken, match=r"^term 'gap' of elsewhere is registered already, by test_registry\.$"):
+        terms.register("gap")(step)
     assert terms.get("gap")(None, 2.0) == 1.0
+
+
+def test_a_parameter_without_an_annotation_is_an_error_at_once(terms: Registry) -> None:
+    with pytest.raises(TypeError, match=r"^term 'step': the parameter 'weight' needs an annotation\.$"):
+
+        @terms.register()
+        def step(view, weight): ...
+
+    assert "step" not in terms.names()
 
 
 def test_an_unknown_name_is_an_error_with_the_closest_match(terms: Registry) -> None:

@@ -1,0 +1,169 @@
+"""JSON Schema of the task file, for editors: completion, descriptions, and mistakes marked while one types.
+
+It is made from the dataclasses of :mod:`ogmp_sb3.definitions` and the signatures in :mod:`ogmp_sb3.registry`, those of
+plug-ins included. It never rejects a task that :func:`ogmp_sb3.load_task` accepts, which knows more: what a value may
+be, and what goes together.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import itertools
+import re
+import textwrap
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ogmp_sb3 import registry
+from ogmp_sb3.definitions import CurriculumConfig, EvaluationConfig, Range, SamplingConfig, TaskConfig
+from ogmp_sb3.registry import Registry
+from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
+
+Schema = dict[str, Any]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
+WEIGHTS = {"Q": STATE_NAMES, "R": INPUT_NAMES}  # parameters of oracles whose keys are known
+NULL: Schema = {"type": "null"}
+NUMBER: Schema = {"type": "number"}
+NUMBERS: list[Schema] = [NUMBER, {"type": "array", "prefixItems": [NUMBER, NUMBER], "minItems": 2, "maxItems": 2}]
+
+
+def task_schema() -> Schema:
+    """The schema of a task file, as plain data."""
+    return {"$schema": DIALECT, "title": "A task of ogmp_sb3", **_of_dataclass(TaskConfig, _named_fields())}
+
+
+def _named_fields() -> dict[tuple[type[Any], str], Schema]:
+    """The fields whose annotations say less than the registries know."""
+    modes = registry.modes.names()
+    weights = _mapping(dict.fromkeys(modes, NUMBER))
+    in_sequence = _mapping({name: _or_null(_call(registry.modes, name, partial=True)) for name in modes})
+    entry = {"anyOf": [{"enum": modes}, {**in_sequence, "minProperties": 1, "maxProperties": 1}]}
+    terminations = _terms(registry.terminations)
+    return {
+        (TaskConfig, "modes"): _terms(registry.modes),
+        (TaskConfig, "oracle"): {"enum": registry.oracles.names()},
+        (TaskConfig, "oracle_params"): _mapping({n: _call(registry.oracles, n) for n in registry.oracles.names()}),
+        (TaskConfig, "feedback"): _list({"enum": list(STATE_NAMES)}),
+        (TaskConfig, "bound"): _mapping(dict.fromkeys(STATE_NAMES, NUMBER)),
+        (TaskConfig, "observations"): _terms(registry.observations),
+        (TaskConfig, "rewards"): _terms(registry.rewards),
+        (TaskConfig, "terminations"): terminations,
+        (TaskConfig, "objective"): {"enum": registry.objectives.names()},
+        (SamplingConfig, "weights"): weights,
+        (SamplingConfig, "sequence"): _list(entry),
+        (CurriculumConfig, "modes"): _mapping({name: _call(registry.modes, name, partial=True) for name in modes}),
+        (CurriculumConfig, "weights"): weights,
+        (EvaluationConfig, "terminations"): terminations,
+        (EvaluationConfig, "metrics"): _list({"enum": registry.metrics.names()}),
+    }
+
+
+def _of_dataclass(kind: type[Any], named: Mapping[tuple[type[Any], str], Schema]) -> Schema:
+    hints, texts = typing.get_type_hints(kind), _field_texts(kind)
+    fields = [f for f in dataclasses.fields(kind) if not f.metadata.get("internal")]
+    properties = {}
+    for field in fields:
+        schema = named.get((kind, field.name)) or _of(hints[field.name], named)
+        properties[field.name] = _described(schema, texts.get(field.name), field.default)
+    needed = [f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING]
+    return _described(_mapping(properties, needed), _summary(kind))
+
+
+def _of(annotation: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schema:
+    """What :func:`ogmp_sb3.schema.read` accepts for an annotation, and perhaps more."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin in (types.UnionType, typing.Union):
+        return {"anyOf": [NULL if a is types.NoneType else _of(a, named) for a in arguments]}
+    if origin is typing.Literal:
+        return {"enum": list(arguments)}
+    if origin is dict:
+        return {"type": "object", "additionalProperties": _of(arguments[1], named)}
+    if origin is tuple and arguments[-1] is Ellipsis:
+        return _list(_of(arguments[0], named))
+    if origin is tuple:
+        items = [_of(a, named) for a in arguments]
+        return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+    if annotation is Range:
+        return {"anyOf": [*NUMBERS, *_one_or_more({"type": "string"})]}
+    if hasattr(annotation, "from_data"):  # reads itself, whatever it reads
+        return {}
+    if dataclasses.is_dataclass(annotation):
+        return _of_dataclass(annotation, named)  # type: ignore[arg-type]
+    return {"type": SCALARS[annotation]} if annotation in SCALARS else {}
+
+
+def _terms(kind: Registry[Any]) -> Schema:
+    """Functions by name, each with its parameters or null."""
+    return _mapping({name: _or_null(_call(kind, name)) for name in kind.names()})
+
+
+def _call(kind: Registry[Any], name: str, partial: bool = False) -> Schema:
+    """The YAML parameters of a registered function; ``partial``: none of them is required."""
+    texts = _parameter_texts(kind.get(name))
+    properties, needed = {}, []
+    for key, parameter in kind.parameters(name).items():
+        schema = _range(parameter.annotation) if kind is registry.modes else _of(parameter.annotation, {})
+        if kind is registry.oracles and key in WEIGHTS:
+            schema = _mapping(dict.fromkeys(WEIGHTS[key], NUMBER))
+        if parameter.default is inspect.Parameter.empty and not partial:
+            needed.append(key)
+        properties[key] = _described(schema, texts.get(key), parameter.default)
+    return _described(_mapping(properties, needed), _summary(kind.get(name)))
+
+
+def _range(annotation: Any) -> Schema:
+    """A mode parameter: fixed or drawn."""
+    if typing.get_origin(annotation) is typing.Literal:
+        return {"anyOf": _one_or_more({"enum": list(typing.get_args(annotation))})}
+    return {"anyOf": NUMBERS}
+
+
+def _one_or_more(item: Schema) -> list[Schema]:
+    return [item, _list(item)]
+
+
+def _mapping(properties: Mapping[str, Schema], needed: Iterable[str] = ()) -> Schema:
+    schema: Schema = {"type": "object", "properties": dict(properties), "additionalProperties": False}
+    return {**schema, "required": list(needed)} if needed else schema
+
+
+def _list(items: Schema) -> Schema:
+    return {"type": "array", "items": items}
+
+
+def _or_null(schema: Schema) -> Schema:
+    return _described({"anyOf": [schema, NULL]}, schema.get("description"))
+
+
+def _described(schema: Schema, text: str | None, default: Any = dataclasses.MISSING) -> Schema:
+    """A schema with a description, and the default if it is a plain value."""
+    plain = default is None or type(default) in SCALARS
+    return {**schema, **({"description": text} if text else {}), **({"default": default} if plain else {})}
+
+
+def _summary(thing: Any) -> str:
+    return (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def _field_texts(kind: type[Any]) -> dict[str, str]:
+    """The strings under the fields of a dataclass."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)
+    texts = {}
+    for field, below in itertools.pairwise(definition.body):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                texts[name] = text
+    return texts
+
+
+def _parameter_texts(function: Any) -> dict[str, str]:
+    """What a docstring says of the parameters."""
+    found = re.findall(r"^:param (\w+): (.+?)(?=^:|^$|\Z)", inspect.getdoc(function) or "", re.DOTALL | re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in found}

@@ -1,0 +1,79 @@
+"""Plug-ins: installed packages that bring robots, tasks, modes, oracles and terms of their own.
+
+A plug-in is an entry point of the group ``ogmp_sb3.plugins``, and names a module. Importing the module registers
+functions (:mod:`ogmp_sb3.registry`); ``tasks/<name>.yaml`` and ``robots/<name>/robot.yaml`` beside it are found by
+name. :func:`ogmp_sb3.registry.load_plugins` loads all of them, when something is named that does not ship.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+
+GROUP = "ogmp_sb3.plugins"
+FILES = ("tasks/*.yaml", "robots/*/robot.yaml")  # what is found by name
+SHIPPED = Path(__file__).parent
+
+
+class NameTaken(ValueError):
+    """Two packages give one name to different things."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """An installed plug-in."""
+
+    name: str
+    """of its entry point"""
+    distribution: str
+    """what was installed"""
+    version: str
+    """of the distribution"""
+    folder: Path | None = None
+    """where its ``tasks`` and ``robots`` are; None: it is a single file, or broken"""
+    error: str | None = None
+    """why it is broken"""
+
+    def __str__(self) -> str:
+        return f"plug-in '{self.name}' of {self.distribution} {self.version}"
+
+
+def installed() -> list[EntryPoint]:
+    """The entry points of all plug-ins, in the order of their names."""
+    return sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value))
+
+
+def load(entry: EntryPoint, taken: Iterable[Path]) -> Plugin:
+    """Import a plug-in. Whatever its module raises comes through.
+
+    :param entry: its entry point
+    :param taken: folders whose tasks and robots have their names already
+    :raises NameTaken: if one of its tasks or robots has a name that is taken
+    :raises TypeError: if the entry point does not name a module
+    """
+    module = entry.load()
+    if not isinstance(module, ModuleType) or module.__file__ is None:
+        raise TypeError(f"'{entry.value}' must name a module, or a package with an __init__.py")
+    file = Path(module.__file__)
+    if file.name != "__init__.py" and "." not in module.__name__:
+        return describe(entry)
+    _check_files(file.parent, taken)
+    return describe(entry, folder=file.parent)
+
+
+def describe(entry: EntryPoint, folder: Path | None = None, error: Exception | None = None) -> Plugin:
+    """What is known of a plug-in."""
+    assert entry.dist is not None
+    reason = None if error is None else " ".join(f"{type(error).__name__}: {error}".split())
+    return Plugin(entry.name, entry.dist.name, entry.dist.version, folder, reason)
+
+
+def _check_files(folder: Path, taken: Iterable[Path]) -> None:
+    for pattern in FILES:
+        for file in sorted(folder.glob(pattern)):
+            for other in (path / file.relative_to(folder) for path in taken if path != folder):
+                if other.is_file():
+                    raise NameTaken(f"{file} has the name of {other}.")

@@ -1,0 +1,33 @@
+"""Hyper-parameters for the RL Zoo (``rl_zoo3``), those of ``ogmp-train``: ``-conf ogmp_sb3.zoo``, see docs/sb3.md."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ogmp_sb3.config import load_task
+from ogmp_sb3.recipe import DEFAULTS, default_ppo
+from ogmp_sb3.schema import read_yaml
+
+
+def ppo_lstm() -> dict[str, Any]:
+    """Plain data, as the Zoo saves it beside the model."""
+    settings, action = default_ppo(), load_task("parkour").action
+    keywords = settings.settings()
+    del keywords["chunk_length"]  # the Zoo trains with sb3-contrib's own RecurrentPPO
+    return {
+        "n_envs": read_yaml(DEFAULTS)["num_envs"],
+        "n_timesteps": read_yaml(DEFAULTS)["total_timesteps"],
+        "normalize": {"norm_obs": True, "norm_reward": False},
+        "policy": "ogmp_sb3.policy.LstmPolicy",
+        "policy_kwargs": {
+            "net_arch": [],
+            "lstm_hidden_size": settings.lstm_hidden_size,
+            "n_lstm_layers": settings.n_lstm_layers,
+            "log_std_init": math.log(action.noise / action.scale),
+        },
+        **keywords,
+    }
+
+
+hyperparams = {"default": ppo_lstm()}

@@ -1,0 +1,145 @@
+"""At home in the Stable-Baselines3 world: its wrappers, its callbacks, its algorithms and its Zoo, used as they are."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import sb3_contrib
+import torch
+import yaml
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import CheckpointCallback, EvalCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+import ogmp_sb3
+from ogmp_sb3 import OgmpEnv, RecurrentPPO, zoo
+from ogmp_sb3.recipe import default_ppo
+
+PARKOUR = "ogmp_sb3:OGMP/Parkour-v0"
+SMALL: dict[str, Any] = {"n_steps": 32, "batch_size": 64, "n_epochs": 1, "seed": 0, "device": "cpu"}
+NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> None:
+    torch.set_num_threads(1)  # beside other load, two threads spin against each other
+
+
+def ours(num_envs: int, seed: int) -> VecEnv:
+    return VecMonitor(ogmp_sb3.make_env("parkour", num_envs, seed, rho=0.1))
+
+
+def theirs(num_envs: int, seed: int) -> VecEnv:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*render_mode='rgb_array'")  # make_vec_env tries it first
+        return make_vec_env(PARKOUR, num_envs, seed, env_kwargs={"rho": 0.1})
+
+
+@pytest.mark.parametrize("make", [ours, theirs])
+def test_stock_ppo_learns_with_stock_wrappers_and_callbacks(make: Callable[[int, int], VecEnv], tmp_path: Path) -> None:
+    env = VecNormalize(make(4, 0))
+    eval_env = VecNormalize(make(2, 100), training=False, norm_reward=False)
+    evaluation = EvalCallback(
+        eval_env, n_eval_episodes=3, eval_freq=32, log_path=tmp_path, best_model_save_path=tmp_path, verbose=0
+    )
+    checkpoints = CheckpointCallback(save_freq=32, save_path=tmp_path, save_vecnormalize=True)
+    model = PPO("MlpPolicy", env, **SMALL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.learn(256, callback=[evaluation, checkpoints])
+
+    assert model.num_timesteps == 256
+    for episode in model.ep_info_buffer:
+        assert 1 <= episode["l"] <= 300
+        assert np.isfinite(episode["r"])
+    logged = np.load(tmp_path / "evaluations.npz")
+    assert logged["results"].shape == logged["ep_lengths"].shape == (2, 3)
+    assert np.isfinite(logged["results"]).all()
+    assert (logged["ep_lengths"] >= 1).all()
+
+    normaliser = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_256_steps.pkl"), make(1, 0))
+    np.testing.assert_array_equal(normaliser.obs_rms.mean, env.obs_rms.mean)
+    observation = env.reset()
+    for file in ("rl_model_256_steps.zip", "best_model.zip"):
+        action, _ = PPO.load(tmp_path / file).predict(observation, deterministic=True)
+        assert action.shape == (4, 10)
+
+
+def test_stock_ppo_learns_on_the_gymnasium_environment() -> None:
+    with gymnasium.make(PARKOUR, rho=0.1) as env:
+        model = PPO("MlpPolicy", env, **{**SMALL, "batch_size": 32}).learn(256)
+    assert model.num_timesteps == 256
+    assert len(model.ep_info_buffer) > 0
+
+
+def test_an_evaluation_by_sb3_has_the_returns_of_the_episodes() -> None:
+    env = ours(2, 0)
+    model = PPO("MlpPolicy", env, **SMALL)
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=4, return_episode_rewards=True)
+    mean, _ = evaluate_policy(model, ogmp_sb3.make_env("parkour", 2, rho=0.1), n_eval_episodes=4, warn=False)
+    assert len(returns) == len(lengths) == 4
+    assert mean == pytest.approx(np.mean(returns), rel=1e-5)
+
+
+def test_our_recurrent_ppo_is_saved_loaded_and_trained_on(tmp_path: Path) -> None:
+    env = VecNormalize(ours(4, 0), norm_reward=False)
+    model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **SMALL).learn(256)
+    model.save(tmp_path / "model.zip")
+    again = RecurrentPPO.load(tmp_path / "model.zip", env=env)
+    stock = sb3_contrib.RecurrentPPO.load(tmp_path / "model.zip")
+    state, observation = None, env.reset()
+    for starts in ([True] * 4, [False] * 4, [False, True, False, False]):
+        expected, following = model.predict(observation, state, np.array(starts), deterministic=True)
+        for other in (again, stock):
+            action, _ = other.predict(observation, state, np.array(starts), deterministic=True)
+            np.testing.assert_allclose(action, expected, atol=1e-6)
+        state, (observation, *_) = following, env.step(expected)
+    again.learn(128, reset_num_timesteps=False)
+    assert again.num_timesteps == 256 + 128
+
+
+def test_a_render_mode_is_refused_in_a_sentence() -> None:
+    with pytest.raises(TypeError, match="does not draw: 'render_mode' must be None, found 'human'"):
+        OgmpEnv("parkour", render_mode="human")
+
+
+# ---- the RL Zoo ----
+
+
+def test_the_zoo_s_hyper_parameters_are_plain_data_and_those_of_ogmp_train() -> None:
+    given = dict(zoo.hyperparams["default"])
+    assert yaml.safe_load(yaml.safe_dump(given)) == given
+    assert {key: given[key] for key in ("n_steps", "batch_size", "gamma", "target_kl")} == {
+        key: getattr(default_ppo(), key) for key in ("n_steps", "batch_size", "gamma", "target_kl")
+    }
+    for key in ("n_envs", "n_timesteps", "normalize"):  # what the Zoo itself takes
+        del given[key]
+    given["policy"] = RecurrentPPO.policy_aliases["MlpLstmPolicy"]
+    assert given["policy"].__name__ == zoo.hyperparams["default"]["policy"].rpartition(".")[2]
+    model = sb3_contrib.RecurrentPPO(env=ours(1, 0), device="cpu", **given)
+    assert model.policy.log_std.exp().mean().item() == pytest.approx(0.165 / 2.0)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
+def test_the_zoo_trains(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "ppo_lstm", "--env", "OGMP/Parkour-v0"]
+    command += ["--gym-packages", "ogmp_sb3", "-conf", "ogmp_sb3.zoo", "-n", "256", "--device", "cpu"]
+    command += ["--num-threads", "1", "--eval-freq", "128", "--eval-episodes", "1"]
+    command += ["-params", "n_envs:2", "batch_size:64"]
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (folder,) = (tmp_path / "logs" / "ppo_lstm").iterdir()
+    assert {"best_model.zip", "evaluations.npz"} <= {path.name for path in folder.iterdir()}
+    assert sb3_contrib.RecurrentPPO.load(folder / "OGMP-Parkour-v0.zip").num_timesteps == 256
