@@ -27,7 +27,7 @@ LAYERS = (
     {"riccati", "terrain"},
     {"modes"},
     {"reference", "sampling"},
-    {"oracles", "course", "latent"},
+    {"oracles", "course", "latent", "grid"},
     {"view"},
     {"observations", "rewards", "terminations", "metrics"},
     {"sim"},
