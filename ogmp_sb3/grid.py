@@ -41,7 +41,8 @@ class Grid:
 def read_grid(text: str, task: TaskConfig, points: int = POINTS) -> Grid:
     """Read ``jump.w,jump.h`` or ``jump.w:0.1:0.8:8,jump.h``.
 
-    :param points: of an axis that does not say how many; it spans half a range beyond both ends
+    :param points: of an axis that does not say how many; it spans half a range beyond both ends, and no less than
+        half the least value
     :raises ValueError: if it does not have this form
     :raises KeyError: for an unknown mode or parameter
     """
@@ -71,7 +72,8 @@ def _axis(text: str, task: TaskConfig, points: int) -> tuple[str, str, np.ndarra
         if limits:
             raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
         spread = 0.5 * (range_.high - range_.low) or 0.5 * range_.high
-        low, high = max(range_.low - spread, 0.02), range_.high + spread
+        # Not below half the least value: modes of next to no length would be too many around a robot.
+        low, high = max(range_.low - spread, 0.5 * range_.low, 0.02), range_.high + spread
     except ValueError:
         raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
     return mode, parameter, np.round(np.linspace(low, high, points), 4)

@@ -18,6 +18,7 @@ def test_an_axis_spans_half_a_range_beyond_both_ends_and_knows_what_was_trained(
     np.testing.assert_allclose(grid.values[0], [0.2, 0.3, 0.4, 0.5, 0.6])
     np.testing.assert_allclose(grid.values[1][[0, -1]], [0.125, 0.425])
     assert grid.trained == {"w": [0.3, 0.5], "h": [0.2, 0.35]}
+    assert read_grid("pace.v,pace.length", PARKOUR).values[1][0] == 0.2  # half of 0.4, where half a range would give 0
 
 
 def test_an_axis_can_be_given_with_its_limits_and_points() -> None:
