@@ -37,8 +37,10 @@ LAYERS = (
     {"recurrent"},
     {"checkpoints"},
     {"recipe"},
-    {"plotting", "logs", "cli", "episodes"},
-    {"train", "evaluate", "check", "encode", "bench", "bench_physics"},
+    {"traces", "results", "page"},
+    {"plotting", "plotting_training", "logs", "cli", "episodes"},
+    {"train", "evaluate", "check", "encode", "bench", "bench_physics", "report", "report_run", "report_sweep"}
+    | {"runs", "sweeps", "subject"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 
@@ -47,7 +49,7 @@ RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
 
 SOLE_IMPORTERS = {
     "control": {"riccati"},
-    "matplotlib": {"plotting"},
+    "matplotlib": {"plotting", "plotting_training"},
     "mujoco.batch": {"sim"},
     "hydra": PROGRAMS,
 }
@@ -244,7 +246,7 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
     expected = {f"ogmp_sb3/{path.relative_to(PACKAGE).as_posix()}" for path in SOURCES.values()}
-    expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml"}
+    expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml", "ogmp_sb3/templates/report.html"}
     for folder, patterns in {
         "tasks": ("*.yaml",),
         "robots": ("*.xml", "*.yaml"),
