@@ -22,7 +22,7 @@ from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord
-from ogmp_sb3.plotting import plot_grid
+from ogmp_sb3.plotting import plot_grids
 from ogmp_sb3.policy import LstmPolicy
 
 PROGRAM = "ogmp-eval"
@@ -197,7 +197,7 @@ def _run(arguments: list[str]) -> None:
             ]
         report["grid"] = grid.as_data(metrics)
         _write(out, report)
-        plot_grid(report["grid"], "return", out / "grid.png")
+        plot_grids([report["grid"]], "return", out / "grid.png")
         console.print(f"{out / 'grid.png'}")
     else:
         distance = config.max_distance if config.protocol == "endless" else None
