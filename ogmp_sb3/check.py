@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
+from ogmp_sb3.course import standing_deviation
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.json_schema import task_schema
@@ -92,12 +93,26 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
         disturbances = vars(task.randomisation).items()
         table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
     table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
-    if task.horizon is not None and task.rho is not None:
-        speeds = [r.high for ranges in task.mode_ranges.values() for key, r in ranges.items() if key == "v"]
-        still = max(speeds, default=0.0) * task.horizon * task.control_dt
-        verdict = "stays inside the bound" if still <= task.rho else "leaves the bound"
-        table.add_row("standing still", f"v * horizon * control_dt = {still:.2f} m, {verdict}")
+    standing = standing_still(task)
+    if standing:
+        table.add_row("standing still", standing)
     console.print(table)
+
+
+def standing_still(task: TaskConfig) -> str | None:
+    """A sentence on whether the bound allows a robot to stand still; None where the question does not arise."""
+    found = standing_deviation(task)
+    if found is None:
+        return None
+    low, high = (f"{value:.2f}" for value in found)
+    length = f"{low} m" if low == high else f"{low} to {high} m"
+    if task.rho is None or task.rho >= found[1]:
+        verdict = "stays inside the bound"
+    elif task.rho >= found[0]:
+        verdict = "stays inside the bound in the slowest modes"
+    else:
+        verdict = "leaves the bound"
+    return f"v * horizon * control_dt = {length}, {verdict}"
 
 
 def _names(terms: dict[str, dict[str, object] | None]) -> str:

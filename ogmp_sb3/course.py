@@ -146,6 +146,22 @@ class Course:
         self._span_count[row] = count
 
 
+def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
+    """How far a robot that stands still gets from the reference before the next query: ``v horizon control_dt``.
+
+    A bound that is not below this lets it stand still for ever, which is a local optimum.
+
+    :return: weighted as in the bound, m, at the lowest and the highest speed of the task's modes; None if x has no
+        weight or modes are timed
+    """
+    weight = task.bound.get("x", 0.0)
+    if task.horizon is None or weight == 0.0:
+        return None
+    speeds = [span.velocity[0] for segment in corner_segments(task) for span in segment.spans]
+    duration = task.horizon * task.control_dt
+    return weight * min(speeds) * duration, weight * max(speeds) * duration
+
+
 def _extent(task: TaskConfig) -> tuple[bool, float, int]:
     """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
     corners = list(corner_segments(task))

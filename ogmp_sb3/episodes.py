@@ -93,4 +93,7 @@ def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.
         "height": view.base_pos_w[:, 2] - np.maximum(view.ground_height, 0.0),
         "state_error": np.linalg.norm(error, axis=1),
         "reward": reward,
+        "reference_pos_w": view.reference[:, POS],
+        "phase": view.phase,
+        "deviation": view.deviation,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,16 +19,16 @@ from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
-from ogmp_sb3.plotting import plot_grid, plot_robustness
-from ogmp_sb3.ranges import Range
+from ogmp_sb3.plotting import plot_grids, plot_robustness
+from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
 CELL_EPISODES = 10
-GRID_POINTS = 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,52 +109,40 @@ def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
     return task
 
 
-def _grid_axis(text: str, task: TaskConfig) -> tuple[str, str, np.ndarray]:
-    """``jump.w`` or ``jump.w:0.1:0.8:8`` to mode, parameter and values; by default half a range beyond both ends."""
-    name, *limits = text.split(":")
-    mode, _, parameter = name.partition(".")
-    if mode not in task.mode_ranges:
-        raise KeyError(f"grid: unknown mode '{mode}'{registry.did_you_mean(mode, task.mode_ranges)}")
-    ranges = task.mode_ranges[mode]
-    if parameter not in ranges or ranges[parameter].words:
-        numbers = [key for key, range_ in ranges.items() if not range_.words]
-        raise KeyError(f"grid: mode '{mode}' has no number '{parameter}'{registry.did_you_mean(parameter, numbers)}")
-    range_ = ranges[parameter]
-    try:
-        low, high, points = float(limits[0]), float(limits[1]), int(limits[2])
-    except IndexError:
-        if limits:
-            raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
-        (low, high), points = range_.beyond(), GRID_POINTS
-    except ValueError:
-        raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
-    return mode, parameter, np.round(np.linspace(low, high, points), 4)
+def measure(
+    policy: LstmPolicy,
+    task: TaskConfig,
+    episodes: int,
+    seed: int,
+    max_distance: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Any]:
+    """Play episodes and sum them up as plain data: metrics, by group, median distance and causes of their ends.
+
+    The parameters are those of :func:`~ogmp_sb3.episodes.play_episodes`.
+    """
+    records = play_episodes(policy, task, episodes, seed, max_distance, progress)
+    causes = [r.termination for r in records]
+    return {
+        "metrics": evaluate(task, records),
+        "groups": by_word(task, records),
+        "median_distance_m": float(np.median([registry.metrics.get("distance_m")(r) for r in records])),
+        "terminations": {cause: causes.count(cause) for cause in sorted(set(causes))},
+    }
 
 
-def evaluate_grid(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig) -> dict[str, Any]:
-    """The metrics over a grid of two mode parameters; each cell's track holds only that mode."""
-    assert config.grid is not None
-    axes = [_grid_axis(text, task) for text in config.grid.split(",")]
-    if len(axes) != 2 or axes[0][0] != axes[1][0]:
-        raise ValueError(f"'grid' needs two parameters of one mode, e.g. jump.w,jump.h; found '{config.grid}'.")
-    (mode, first, first_values), (_, second, second_values) = axes
-    cells = []
-    total = len(first_values) * len(second_values) * CELL_EPISODES
-    with progress_bar(total, "episode") as bar:
-        for a in first_values:
-            for b in second_values:
-                cell = _with_mode(task, mode, {first: float(a), second: float(b)})
-                records = play_episodes(loaded.policy, cell, CELL_EPISODES, config.seed, progress=bar.update)
-                cells.append({first: float(a), second: float(b), "metrics": evaluate(cell, records)})
-    ranges = task.mode_ranges[mode]
-    trained = {key: [ranges[key].low, ranges[key].high] for key in (first, second)}
-    return {"mode": mode, "axes": [first, second], "trained": trained, "cells": cells}
-
-
-def _with_mode(task: TaskConfig, mode: str, values: dict[str, float]) -> TaskConfig:
-    ranges = {**task.mode_ranges[mode], **{key: Range(value, value) for key, value in values.items()}}
-    weights = {name: float(name == mode) for name in task.mode_ranges}
-    return replace(task, modes={**task.modes, mode: ranges}, sampling=replace(task.sampling, weights=weights))
+def evaluate_cell(
+    policy: LstmPolicy,
+    task: TaskConfig,
+    mode: str,
+    values: dict[str, float],
+    episodes: int,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Summary]:
+    """The metrics of one cell of a grid, on the tracks of :func:`~ogmp_sb3.grid.cell_task`."""
+    cell = cell_task(task, mode, values)
+    return evaluate(cell, play_episodes(policy, cell, episodes, seed, progress=progress))
 
 
 def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
@@ -188,9 +177,15 @@ def _run(arguments: list[str]) -> None:
         "versions": loaded.info.get("versions"),
     }
     if config.grid:
-        report["grid"] = evaluate_grid(loaded, task, config)
+        grid = read_grid(config.grid, task)
+        with progress_bar(len(grid.cells) * CELL_EPISODES, "episode") as bar:
+            metrics = [
+                evaluate_cell(loaded.policy, task, grid.mode, cell, CELL_EPISODES, config.seed, bar.update)
+                for cell in grid.cells
+            ]
+        report["grid"] = grid.as_data(metrics)
         _write(out, report)
-        plot_grid(report["grid"], "return", out / "grid.png")
+        plot_grids([report["grid"]], "return", out / "grid.png")
         console.print(f"{out / 'grid.png'}")
     elif config.robustness:
         sweeps = disturbance_sweeps(training_task(loaded, overrides, config).randomisation)
@@ -204,12 +199,7 @@ def _run(arguments: list[str]) -> None:
         console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}")
     else:
         with progress_bar(config.episodes, "episode") as bar:
-            records = play_episodes(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
-        report["metrics"] = evaluate(task, records)
-        report["groups"] = by_word(task, records)
-        report["median_distance_m"] = float(np.median([registry.metrics.get("distance_m")(r) for r in records]))
-        causes = [r.termination for r in records]
-        report["terminations"] = {cause: causes.count(cause) for cause in sorted(set(causes))}
+            report |= measure(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
         _write(out, report)
         show(f"{task.name}, {config.episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
         for group, metrics in report["groups"].items():

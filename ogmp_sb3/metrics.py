@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.registry import metrics, objectives
 from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.srb import GRAVITY
@@ -38,6 +39,12 @@ class EpisodeRecord:
     """``||x - x_ref||`` over position and velocity, shape (steps + 1,)"""
     reward: np.ndarray
     """shape (steps + 1,); row 0 is 0"""
+    reference_pos_w: np.ndarray
+    """the oracle's knot of each step, shape (steps + 1, 3), m"""
+    phase: np.ndarray
+    """control steps from the oracle's query to this step, shape (steps + 1,), int; 1 begins a new reference"""
+    deviation: np.ndarray
+    """``||W (x - x_ref)||`` of the permissible-state bound, shape (steps + 1,)"""
     termination: str
     """which rule ended the episode"""
     max_steps: int
@@ -122,6 +129,14 @@ def flip_and_land(record: EpisodeRecord) -> float:
     upright = bool((up[-UPRIGHT_STEPS:] >= np.cos(UPRIGHT_TOLERANCE)).all())
     high = bool((record.height >= MIN_HEIGHT).all())
     return float(turned and upright and high and record.termination == "time_limit")
+
+
+def highest_objective(task: TaskConfig) -> float | None:
+    """What the true objective is measured against (paper, fig:abl): the length of the test track, or 1 for a dive.
+
+    :return: None if the objective is another one, or the track has no end
+    """
+    return {"track_displacement": task.evaluation.track_length, "flip_and_land": 1.0}.get(task.objective)
 
 
 def flip_angle(quat: np.ndarray, direction: str) -> float:

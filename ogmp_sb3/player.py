@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ogmp_sb3.definitions import Range, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame, join_terrain
 from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.sampling import ModeCall, draw_parameters
 from ogmp_sb3.srb import OMEGA, POS, VEL

@@ -1,4 +1,7 @@
-"""Pictures. The only module that imports matplotlib; no library module imports this one."""
+"""Pictures. Only this module and its like import matplotlib; no library module imports them.
+
+A path that ends in ``.png`` gets a picture of that kind; one without an ending gets a ``.png`` and a ``.svg``.
+"""
 
 from __future__ import annotations
 
@@ -11,32 +14,63 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ogmp_sb3.sampling import ModeCall
+from ogmp_sb3.traces import Trace
 
 COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
+MODE_COLOURS = {"pace": "#0072b2", "leap": "#d55e00", "jump": "#009e73", "flip": "#cc79a7", "settle": "#0072b2"}
+CAUSE_COLOURS = {
+    "time_limit": "#009e73", "max_distance": "#56b4e9", "bound": "#e69f00", "low_reward": "#cc79a7", "fall": "#d55e00",
+    "unstable": "#000000",
+}  # fmt: skip
+OTHER_COLOUR = "0.6"
+TRACE_WIDTH, TRACE_HEIGHT = 9.2, 1.8  # inches: width of motion traces, and the height of one at most
+SHORT = 3.0  # m: shorter motions are drawn side by side
+UP_EVERY, UP_LENGTH = 4, 0.1  # control steps between strokes along the trunk, and their length in m
+
+plt.rcParams.update({
+    "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": "medium", "font.size": 9,
+    "legend.frameon": False, "svg.hashsalt": "ogmp_sb3",
+})  # fmt: skip
 
 
-def plot_grid(grid: dict[str, Any], metric: str, path: Path) -> None:
-    """Heat map of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
+def save(figure: Figure, path: Path, dpi: int = 120) -> None:
+    """Write a figure and close it: one file if the path ends in ``.png``, else a ``.png`` and a ``.svg``."""
+    if path.suffix == ".png":
+        figure.savefig(path, dpi=dpi)
+    else:
+        figure.savefig(path.with_name(f"{path.name}.png"), dpi=dpi)
+        figure.set_layout_engine("none")  # laid out already
+        figure.savefig(path.with_name(f"{path.name}.svg"), dpi=dpi, metadata={"Date": None})
+    plt.close(figure)
 
-    :param grid: ``grid`` of an evaluation's ``metrics.json``
+
+def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
+    """Heat maps of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
+
+    :param grids: each as ``grid`` of an evaluation's ``metrics.json``
     :param metric: name of the metric
     :param path: picture to write
     """
-    first, second = grid["axes"]
-    a = np.unique([cell[first] for cell in grid["cells"]])
-    b = np.unique([cell[second] for cell in grid["cells"]])
-    values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a), len(b))
-    figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
-    mesh = axes.pcolormesh(a, b, values.T, shading="nearest", cmap="viridis")
-    (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
-    axes.add_patch(plt.Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
-    axes.set_xlabel(f"{grid['mode']}.{first}")
-    axes.set_ylabel(f"{grid['mode']}.{second}")
-    figure.colorbar(mesh, label=f"{metric} (black: trained on)")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    figure, panels = plt.subplots(
+        1, len(grids), figsize=(max(3.4 * len(grids), 5.0), 3.0 if len(grids) > 1 else 4.0), squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    for axes, grid in zip(panels[0], grids, strict=True):
+        first, second = grid["axes"]
+        a = np.unique([cell[first] for cell in grid["cells"]])
+        b = np.unique([cell[second] for cell in grid["cells"]])
+        values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a), len(b))
+        mesh = axes.pcolormesh(a, b, values.T, shading="nearest", cmap="viridis", rasterized=True)
+        (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
+        axes.add_patch(plt.Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
+        axes.set(title=grid["mode"], xlabel=first, ylabel=second)
+        figure.colorbar(mesh)
+    figure.suptitle(f"{metric} (black: trained on)", fontsize="medium")
+    save(figure, path)
 
 
 def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
@@ -93,8 +127,7 @@ def plot_references(
         axes.set(title=title, xlabel="time (s)", ylabel="base height (m)")
     grid.flat[0].legend(fontsize="small")
     figure.suptitle("References by mode (grey: stance)")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save(figure, path)
 
 
 def plot_learning_curves(runs: dict[str, Path], path: Path, smooth: int = 5) -> None:
@@ -115,8 +148,7 @@ def plot_learning_curves(runs: dict[str, Path], path: Path, smooth: int = 5) -> 
             axes.set(xlabel="samples (millions)", ylabel=f"{column.split('/')[1]} of training episodes")
             axes.grid(alpha=0.3)
     panels[0].legend(fontsize="small")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save(figure, path)
 
 
 def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
@@ -133,8 +165,7 @@ def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     axes.invert_yaxis()
     axes.margins(x=0.15)
     axes.set(xlabel="per second", title="\n".join([title, *ratios]))
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save(figure, path)
 
 
 def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None:
@@ -150,26 +181,119 @@ def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None
         parameters = next(call.parameters for call in calls if call.name == name)
         varied = [k for k in parameters if len({call.parameters[k] for call in calls if call.name == name}) > 1]
         panels += [(name, parameter) for parameter in varied]
-    columns = min(len(panels), 4)
+    columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 3.4 * rows), squeeze=False, layout="constrained")
+    figure, grid = plt.subplots(rows, columns, figsize=(3.5 * columns, 2.9 * rows), squeeze=False, layout="constrained")
     for axes in grid.flat[len(panels) :]:
         axes.axis("off")
     for axes, (name, parameter) in zip(grid.flat, panels, strict=False):
         if parameter is None:
             for mode in names:
                 rows_of = [i for i, call in enumerate(calls) if call.name == mode]
-                axes.scatter(*latents[rows_of].T, s=6, label=mode)
+                axes.scatter(*latents[rows_of].T, s=6, label=mode, rasterized=True)
             axes.legend(fontsize="small")
             axes.set(title=name, xlabel="z1", ylabel="z2")
             continue
         members = [i for i, call in enumerate(calls) if call.name == name]
         values = [calls[i].parameters[parameter] for i in members]
         words = sorted({v for v in values if isinstance(v, str)})
-        colours = [words.index(v) for v in values] if words else values
-        points = axes.scatter(*latents[members].T, s=6, c=colours, cmap="tab10" if words else "viridis")
+        colours = [words.index(str(v)) for v in values] if words else values
+        colour_map = "tab10" if words else "viridis"
+        points = axes.scatter(*latents[members].T, s=6, c=colours, cmap=colour_map, rasterized=True)
         axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), xlabel="z1", ylabel="z2")
         if not words:
             figure.colorbar(points)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save(figure, path, dpi=100)
+
+
+def plot_terminations(causes: dict[str, int], path: Path) -> None:
+    """What ended the episodes of an evaluation, as one bar.
+
+    :param causes: cause -> number of episodes
+    :param path: picture to write
+    """
+    total = sum(causes.values())
+    figure, axes = plt.subplots(figsize=(10, 1.3), layout="constrained")
+    left = 0
+    for cause, count in sorted(causes.items(), key=lambda entry: -entry[1]):
+        colour = CAUSE_COLOURS.get(cause, OTHER_COLOUR)
+        axes.barh(0, count, left=left, height=0.6, color=colour, label=f"{cause} {count / total:.0%} ({count})")
+        left += count
+    axes.set(yticks=[], xlim=(0, total), ylim=(-0.4, 0.4), xlabel="episodes")
+    axes.spines["left"].set_visible(False)
+    axes.legend(ncols=len(causes), loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    save(figure, path)
+
+
+def plot_traces(traces: list[Trace], path: Path) -> None:
+    """Motion traces, each with its deviation from the reference below; short ones side by side (paper, fig:abl_trc).
+
+    :param traces: episodes
+    :param path: picture to write
+    """
+    (start, end), (floor, ceiling) = _extent(traces)
+    columns = min(len(traces), 3) if end - start < SHORT else 1
+    rows, width = -(-len(traces) // columns), TRACE_WIDTH / columns
+    more = max(width / TRACE_HEIGHT * (ceiling - floor) - (end - start), 0.0)  # ground around a short motion
+    start, end = start - 0.25 * more, end + 0.75 * more
+    height = width * (ceiling - floor) / (end - start)  # inches, at the same scale as the width
+    figure, grid = plt.subplots(
+        2 * rows, columns, figsize=(TRACE_WIDTH + 0.8 * columns, rows * (height + 1.7)), squeeze=False,
+        height_ratios=[height, 0.6] * rows, layout="constrained",
+    )  # fmt: skip
+    for axes in [*grid[::2].flat[len(traces) :], *grid[1::2].flat[len(traces) :]]:
+        axes.axis("off")
+    largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces])
+    longest = max(len(trace.deviation) for trace in traces)
+    for trace, above, below in zip(traces, grid[::2].flat, grid[1::2].flat, strict=False):
+        _draw_trace(above, trace, floor)
+        above.set(title=trace.title, ylabel="height (m)", xlim=(start, end), ylim=(floor, ceiling))
+        above.set_xlabel(f"{'xy'[trace.axis]} (m)", labelpad=0)
+        above.locator_params(axis="x", nbins=5 if columns > 1 else 12)
+        below.plot(trace.deviation, color="0.2", linewidth=1.0)
+        if trace.rho is not None:
+            below.axhline(trace.rho, color="#d55e00", linestyle="--", linewidth=1.0)
+            below.annotate("ρ", (1.0, trace.rho), xycoords=("axes fraction", "data"), color="#d55e00", va="center")
+        below.set(ylabel="deviation", xlim=(0, longest), ylim=(0.0, 1.1 * largest))
+        below.set_xlabel("control step", labelpad=0)
+    figure.align_ylabels()
+    handles = legend_entries(list(grid[::2].flat))
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=len(handles))
+    save(figure, path)
+
+
+def legend_entries(panels: list[Axes]) -> dict[str, Any]:
+    """The legend entries of several panels by label, each once."""
+    return {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+
+
+def _extent(traces: list[Trace]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where motions and references are, with the ground below, m: along the plane, and in height."""
+    along, up = (
+        np.concatenate([part[:, i] for trace in traces for part in [trace.base, *trace.references]]) for i in (0, 1)
+    )
+    floor = min(float(up.min()), -0.25) - 0.05
+    return (float(along.min()) - 0.2, float(along.max()) + 0.2), (floor, float(up.max()) + 0.15)
+
+
+def _draw_trace(axes: Axes, trace: Trace, floor: float) -> None:
+    for piece in trace.ground:
+        width = piece.end - piece.start
+        axes.bar(piece.start, piece.top - floor, width, bottom=floor, align="edge", color="0.88", linewidth=0.5)
+        colour = MODE_COLOURS.get(piece.mode, OTHER_COLOUR)
+        axes.plot([piece.start, piece.end], [piece.top] * 2, color=colour, linewidth=2.5, label=piece.mode or None)
+    start = 0
+    for part in trace.references:
+        if trace.half_band is not None:
+            low, high = part[:, 1] - trace.half_band, part[:, 1] + trace.half_band
+            axes.fill_between(part[:, 0], low, high, color="#e69f00", alpha=0.15, linewidth=0, label="within ρ")
+        axes.plot(*part.T, color="#e69f00", linewidth=1.6, label="reference")
+        axes.plot(*trace.base[start], "o", color="#e69f00", markersize=4, label="query")
+        start += len(part)
+    axes.plot(*trace.base.T, color="black", linewidth=1.2, label="base")
+    feet = trace.base[::UP_EVERY]
+    strokes = np.stack([feet, feet + UP_LENGTH * trace.up[::UP_EVERY], np.full_like(feet, np.nan)], axis=1)
+    axes.plot(*strokes.reshape(-1, 2).T, color="0.45", linewidth=0.7)  # one line, broken at each nan
+    fell = trace.ended != "time_limit"
+    axes.plot(*trace.base[-1], "x" if fell else ".", color="#d55e00" if fell else "black", markersize=8)
+    axes.annotate(trace.ended, trace.base[-1], xytext=(6, 4), textcoords="offset points", fontsize="small")

@@ -1,9 +1,13 @@
-"""Reward terms of the paper (sec. III-C): pure functions of an :class:`~ogmp_sb3.view.EnvView`."""
+"""Reward terms of the paper (sec. III-C): pure functions of an :class:`~ogmp_sb3.view.EnvView`.
+
+None exceeds its ``weight``, or 0 if that is negative.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ogmp_sb3.definitions import Terms
 from ogmp_sb3.registry import rewards
 from ogmp_sb3.view import EnvView
 
@@ -32,3 +36,15 @@ def torque_regulation(view: EnvView, weight: float, sharpness: float) -> np.ndar
 def body_contact(view: EnvView, weight: float) -> np.ndarray:
     """``weight`` while anything but a foot touches the terrain, shape (num_envs,)."""
     return weight * view.body_contact.astype(float)
+
+
+def highest_reward(terms: Terms) -> float | None:
+    """The most that one control step can give, the sum of all positive weights.
+
+    :param terms: reward terms in use with their parameters, as in a task file
+    :return: None if a term has no ``weight``, so that its bound is not known
+    """
+    given = [parameters for parameters in terms.values() if parameters is not None]
+    if not all("weight" in parameters for parameters in given):
+        return None
+    return float(sum(max(parameters["weight"], 0.0) for parameters in given))

@@ -25,7 +25,8 @@ from ogmp_sb3.config import (
     task_names,
     task_path,
 )
-from ogmp_sb3.definitions import MAX_SUBSTEPS, Range, RobotConfig, TaskConfig
+from ogmp_sb3.definitions import MAX_SUBSTEPS, RobotConfig, TaskConfig
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 

@@ -1,11 +1,37 @@
-"""Courses laid ahead of the robots."""
+"""Courses: what the modes ask of ground and robot, laid ahead."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ogmp_sb3.config import load_task
-from ogmp_sb3.course import Course
+from ogmp_sb3.course import Course, standing_deviation
+from ogmp_sb3.env import BatchEnv
+
+STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": None}, "curriculum": None}
+
+
+def test_a_robot_that_stands_still_deviates_by_speed_times_horizon() -> None:
+    assert standing_deviation(load_task("parkour", STEADY)) == pytest.approx((0.72, 0.72))
+    assert standing_deviation(load_task("parkour")) == pytest.approx((0.54, 1.08))  # pace from 0.6 to 1.2 m/s
+    assert standing_deviation(load_task("parkour", {**STEADY, "bound.x": 0.5})) == pytest.approx((0.36, 0.36))
+
+
+def test_standing_still_is_no_question_for_timed_modes_or_a_bound_on_other_states() -> None:
+    assert standing_deviation(load_task("dive")) is None
+    assert standing_deviation(load_task("parkour", {"bound": {"x": 0.0, "z": 1.0}})) is None
+
+
+def test_the_reference_of_a_real_query_ends_that_far_ahead() -> None:
+    task = load_task("parkour", {**STEADY, "oracle": "linear"})
+    env = BatchEnv(task, seed=3)
+    start = env.sim.qpos[0, env.sim.base_qpos]
+    env.reset()
+    for _ in range(task.horizon):
+        x = env.step(np.zeros((1, env.action_size)), np.array([], dtype=int)).view.reference[0, 3]  # physics at rest
+    low, high = standing_deviation(task)
+    assert low - 0.05 < x - start < high + 0.05
 
 
 def test_every_place_on_a_track_belongs_to_the_mode_that_was_laid_there() -> None:

@@ -16,8 +16,9 @@ from test_config import KEYS, KNOWN, SHIPPED, edited, mutated, nodes, parent
 
 from ogmp_sb3 import check, registry
 from ogmp_sb3.config import TASKS_DIR, task_from_data
-from ogmp_sb3.definitions import Range, SequenceEntry
+from ogmp_sb3.definitions import SequenceEntry
 from ogmp_sb3.json_schema import task_schema
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.schema import Where, read, read_yaml
 
 SCHEMA = task_schema()

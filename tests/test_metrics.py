@@ -7,7 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ogmp_sb3 import registry
-from ogmp_sb3.metrics import UPRIGHT_STEPS, EpisodeRecord, flip_and_land, flip_angle, track_displacement
+from ogmp_sb3.config import load_task
+from ogmp_sb3.metrics import (
+    UPRIGHT_STEPS,
+    EpisodeRecord,
+    flip_and_land,
+    flip_angle,
+    highest_objective,
+    track_displacement,
+)
 from ogmp_sb3.modes import FLIP_SPEED, flip
 
 STEPS = 150
@@ -41,6 +49,9 @@ def record(direction: str = "front", total: float = 2 * np.pi, **fields: Any) ->
         "height": np.full(STEPS + 1, 0.5),
         "state_error": np.zeros(STEPS + 1),
         "reward": np.zeros(STEPS + 1),
+        "reference_pos_w": zeros,
+        "phase": np.arange(STEPS + 1),
+        "deviation": np.zeros(STEPS + 1),
         "termination": "time_limit",
         "max_steps": STEPS,
         "leg_length": 0.459,
@@ -205,3 +216,13 @@ def test_metrics_leave_the_record_alone() -> None:
     for name in registry.metrics.names():
         assert np.isfinite(metric(name, episode))
     np.testing.assert_array_equal(episode.base_quat, before)
+
+
+# ---- bounds ----
+
+
+def test_the_true_objective_is_measured_against_the_test_track_or_one_dive() -> None:
+    assert highest_objective(load_task("parkour")) == 10.0
+    assert highest_objective(load_task("parkour", {"evaluation.track_length": 7.0})) == 7.0
+    assert highest_objective(load_task("parkour", {"evaluation.track_length": None})) is None
+    assert highest_objective(load_task("dive")) == flip_and_land(record())

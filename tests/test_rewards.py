@@ -7,7 +7,7 @@ from test_view import make_view
 
 from ogmp_sb3 import registry
 from ogmp_sb3.config import TASKS_DIR, load_task
-from ogmp_sb3.rewards import body_contact, orientation_tracking, position_tracking, torque_regulation
+from ogmp_sb3.rewards import body_contact, highest_reward, orientation_tracking, position_tracking, torque_regulation
 from ogmp_sb3.view import EnvView
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
@@ -28,6 +28,16 @@ def quat(axis: str, angle: float) -> np.ndarray:
 @pytest.mark.parametrize("task", TASKS)
 def test_a_perfect_step_without_torque_is_worth_one(task: str) -> None:
     np.testing.assert_allclose(total(task, make_view()), [1.0, 1.0, 1.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_highest_reward_is_that_of_a_perfect_step(task: str) -> None:
+    assert highest_reward(load_task(task).rewards) == pytest.approx(total(task, make_view(1)).item())
+
+
+def test_the_highest_reward_is_not_known_of_a_term_without_a_weight() -> None:
+    assert highest_reward({"position_tracking": {"weight": 2.0}, "body_contact": {"weight": -1.0}, "x": None}) == 2.0
+    assert highest_reward({"position_tracking": {"weight": 2.0}, "mine": {"scale": 3.0}}) is None
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -1,0 +1,112 @@
+"""A page that opens from disk and needs nothing else: text, tables, pictures and videos in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from ogmp_sb3.config import PACKAGE
+
+TEMPLATES = PACKAGE / "templates"
+Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Text in rows and columns; the first column names the row."""
+
+    rows: list[list[str]]
+    """cells"""
+    columns: list[str] = field(default_factory=list)
+    """headings, or none"""
+    caption: str = ""
+    """what it shows"""
+    files: list[str] = field(default_factory=list)
+    """its data, beside the page"""
+    kind: str = "table"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture within the page, and the files that it and its data also lie in."""
+
+    name: str
+    """name of the files without ending"""
+    caption: str
+    """what it shows"""
+    source: str
+    """data URI"""
+    files: list[str]
+    """beside the page"""
+    kind: str = "picture"
+
+
+@dataclass(frozen=True)
+class Video:
+    """A video within the page."""
+
+    caption: str
+    """what it shows"""
+    source: str
+    """data URI"""
+    kind: str = "video"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page."""
+
+    title: str
+    """its heading, also in the table of contents"""
+    text: str
+    """a paragraph, or nothing"""
+    parts: list[Table | Picture | Video]
+    """what follows, in order"""
+
+
+def make_picture(out: Path, name: str, caption: str, rows: Rows, draw: Callable[[Path], None], **more: Rows) -> Picture:
+    """Draw a picture into ``<name>.png`` and ``<name>.svg`` and write its data to ``<name>.csv``.
+
+    :param out: directory of the page
+    :param rows: the data; all rows have the keys of the first
+    :param draw: draws to a path without ending
+    :param more: further data, written to ``<name>_<key>.csv``
+    """
+    draw(out / name)
+    tables = {name: rows, **{f"{name}_{key}": table for key, table in more.items()}}
+    for stem, table in tables.items():
+        write_csv(out / f"{stem}.csv", table)
+    source = data_uri(out / f"{name}.svg", "image/svg+xml")
+    return Picture(name, caption, source, [f"{name}.png", f"{name}.svg", *(f"{stem}.csv" for stem in tables)])
+
+
+def write_csv(path: Path, rows: Rows) -> None:
+    """Write rows with a line of headings; nan is an empty cell."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+        writer.writeheader()
+        writer.writerows({key: "" if value != value else value for key, value in row.items()} for row in rows)
+
+
+def data_uri(path: Path, kind: str) -> str:
+    """A file as a URI that holds all of it.
+
+    :param kind: media type
+    """
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+
+
+def write_page(path: Path, title: str, subtitle: str, sections: list[Section]) -> None:
+    """Write the page, all or nothing."""
+    loader = jinja2.FileSystemLoader(TEMPLATES)
+    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
+    html = environment.get_template("report.html").render(title=title, subtitle=subtitle, sections=sections)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(html, encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,165 @@
+"""Pictures of trainings: the curves of a run and of a sweep, and what a sweep came to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.plotting import CAUSE_COLOURS, OTHER_COLOUR, legend_entries, save
+
+SMOOTH = 5  # rows of progress.csv that a line is averaged over
+BOUND_COLOUR = "#c00000"
+NO_VALUE = "null"  # of rho: no bound
+Rows = list[dict[str, Any]]
+
+
+def smoothed(values: np.ndarray, rows: int = SMOOTH) -> np.ndarray:
+    """Running mean over a number of rows, those without a value left out.
+
+    :param values: shape (n,)
+    :return: shape (n,); nan where no row around has a value
+    """
+    known = np.isfinite(values)
+    weights = np.ones(min(rows, len(values)))
+    count = np.convolve(known, weights, "same")
+    total = np.convolve(np.where(known, values, 0.0), weights, "same")
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)  # type: ignore[no-any-return]
+
+
+def plot_training(
+    log: dict[str, np.ndarray], columns: dict[str, str], causes: dict[str, str], rho: float | None, path: Path
+) -> None:
+    """Training curves of a run, smoothed, the rows themselves behind; the last panel is what ended the episodes.
+
+    :param log: column -> values, each of shape (rows,)
+    :param columns: columns to show, with the labels of their axes
+    :param causes: columns that are shares of episodes, with what ended these
+    :param rho: permissible-state bound, drawn into the panel of the deviation
+    :param path: picture to write
+    """
+    samples = log[STEP_COLUMN] / 1e6
+    count = len(columns) + 1
+    rows = -(-count // 3)
+    figure, grid = plt.subplots(rows, 3, figsize=(10.5, 2.7 * rows), squeeze=False, layout="constrained")
+    for axes in grid.flat[count:]:
+        axes.axis("off")
+    for axes, (column, label) in zip(grid.flat, columns.items(), strict=False):
+        axes.plot(samples, log[column], color="#0072b2", alpha=0.3, linewidth=0.9)
+        axes.plot(samples, smoothed(log[column]), color="#0072b2", linewidth=1.6)
+        if column.endswith("deviation") and rho is not None:
+            axes.axhline(rho, color=BOUND_COLOUR, linestyle="--", linewidth=1.0, label=f"ρ = {rho:g}")
+            axes.legend(fontsize="small")
+        _frame(axes, label)
+    axes = grid.flat[len(columns)]
+    shares = [smoothed(np.nan_to_num(log[column])) for column in causes]
+    colours = [CAUSE_COLOURS.get(cause, OTHER_COLOUR) for cause in causes.values()]
+    if shares:
+        axes.stackplot(samples, shares, labels=causes.values(), colors=colours)
+        axes.legend(fontsize="small", ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        axes.set(xlim=(samples[0], max(samples[-1], samples[0] + 1e-9)), ylim=(0.0, 1.0))
+    axes.set(xlabel="samples (millions)", ylabel="episodes ended by")
+    save(figure, path)
+
+
+def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
+    """Training returns of a sweep: a panel for each combination of the other keys (paper, fig:rho_vary).
+
+    :param rows: ``panel``, ``line``, ``samples``, ``mean``, ``low``, ``high``; lines in the order of their values
+    :param key: what the lines differ in
+    :param path: picture to write
+    """
+    panels = list(dict.fromkeys(row["panel"] for row in rows))
+    colours = line_colours([row["line"] for row in rows])
+    columns = min(len(panels), 3)
+    height = -(-len(panels) // columns)
+    figure, grid = plt.subplots(
+        height, columns, figsize=(10.0, 3.2 * height), squeeze=False, sharey=True,
+        layout="constrained",
+    )  # fmt: skip
+    for axes in grid.flat[len(panels) :]:
+        axes.axis("off")
+    for axes, panel in zip(grid.flat, panels, strict=False):
+        for line, colour in colours.items():
+            mine = [row for row in rows if (row["panel"], row["line"]) == (panel, line)]
+            x, mean, low, high = (
+                np.array([row[name] for row in mine]) for name in ("samples", "mean", "low", "high")
+            )  # fmt: skip
+            style = "--" if line == NO_VALUE else "-"
+            axes.plot(x / 1e6, smoothed(mean), style, color=colour, linewidth=1.6, label=f"{key} = {line}")
+            if (high > low).any():
+                axes.fill_between(x / 1e6, smoothed(low), smoothed(high), color=colour, alpha=0.2, linewidth=0)
+        _frame(axes, "return")
+        axes.set_title(panel)
+    handles = legend_entries(list(grid.flat))
+    figure.legend(handles.values(), handles.keys(), loc="outside right center")
+    save(figure, path)
+
+
+def plot_objectives(
+    rows: Rows, key: str, bounds: dict[str, float | None], standing: tuple[float, float] | None, path: Path
+) -> None:
+    """What the jobs of a sweep came to against one key, a panel for each objective (paper, fig:abl).
+
+    :param rows: ``objective``, ``line``, ``value``, ``mean``, ``low``, ``high``
+    :param key: what ``value`` is of
+    :param bounds: objective -> what it can reach at most, or None
+    :param standing: from where on the key lets a robot stand still in the slowest and in the fastest mode, or None
+    :param path: picture to write
+    """
+    values = list(dict.fromkeys(row["value"] for row in rows))
+    places, labels = _places(values, standing[1] if standing else -np.inf)
+    lines = list(dict.fromkeys(row["line"] for row in rows))
+    colours = dict(zip(lines, plt.get_cmap("tab10").colors * (1 + len(lines) // 10), strict=False))  # type: ignore[attr-defined]
+    figure, panels = plt.subplots(1, len(bounds), figsize=(5.2 * len(bounds), 3.8), layout="constrained")
+    for axes, (objective, bound) in zip(np.atleast_1d(panels), bounds.items(), strict=True):
+        for line in lines:
+            mine = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
+            x = [places[row["value"]] for row in mine]
+            mean = np.array([row["mean"] for row in mine])
+            spread = [mean - [row["low"] for row in mine], [row["high"] for row in mine] - mean]
+            axes.errorbar(x, mean, spread, fmt="o-", color=colours[line], capsize=3, markersize=4, label=line or None)
+        if bound is not None:
+            axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")
+        if standing is not None:
+            axes.axvspan(*standing, color="0.93", linewidth=0, zorder=0)
+            axes.axvline(standing[0], color="0.5", linestyle=":", label="v · horizon · control_dt")
+            axes.axvline(standing[1], color="0.5", linestyle=":")
+        axes.set(xlabel=key, ylabel=objective, xticks=list(places.values()))
+        axes.set_xticklabels(labels, rotation=0 if max(map(len, labels)) < 8 else 30, ha="center")
+        axes.grid(alpha=0.3)
+    handles = legend_entries(list(np.atleast_1d(panels)))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=max(min(len(handles), 5), 1))
+    save(figure, path)
+
+
+def line_colours(lines: list[str]) -> dict[str, Any]:
+    """A colour for each line by its place in the order, black for no value."""
+    values = [line for line in dict.fromkeys(lines) if line != NO_VALUE]
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(values)))
+    return {**dict(zip(values, colours, strict=True)), **({NO_VALUE: "black"} if NO_VALUE in lines else {})}
+
+
+def _places(values: list[str], behind: float) -> tuple[dict[str, float], list[str]]:
+    """Where values stand on an axis: numbers at their size, no value behind them and ``behind``, words side by side."""
+    numbers = {}
+    for value in values:
+        try:
+            numbers[value] = float(value)
+        except ValueError:
+            continue
+    if len(numbers) + (NO_VALUE in values) < len(values) or not numbers:
+        return {value: float(i) for i, value in enumerate(values)}, values
+    if NO_VALUE in values:
+        last = max(*numbers.values(), behind)
+        numbers[NO_VALUE] = last + 0.2 * (last - min(numbers.values()) or 1.0)
+    return numbers, ["off" if value == NO_VALUE else value for value in numbers]
+
+
+def _frame(axes: Axes, label: str) -> None:
+    axes.set(xlabel="samples (millions)", ylabel=label)
+    axes.grid(alpha=0.3)

@@ -1,0 +1,146 @@
+"""``ogmp-report``: what a run or a sweep came to, as one page to read and the pictures and data to go with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+
+from ogmp_sb3 import cli, report_run, report_sweep
+from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.page import Section, write_page
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.runs import CONFIG, MULTIRUN, read_run, read_sweep
+from ogmp_sb3.subject import Subject
+from ogmp_sb3.sweeps import shown, sort_out
+
+PROGRAM = "ogmp-report"
+RUN_EPISODES, JOB_EPISODES = 100, 20
+PAGE = "report.html"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportConfig:
+    """Keys of the command line."""
+
+    run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
+    sweep: str | None = cli.option("directory of a multirun (ogmp-train -m); either this or 'run'", None)
+    out: str | None = cli.option("directory for the page; null: <run or sweep>/report", None)
+    policy: Literal["latest", "best"] = cli.option("which of a run's policies: latest or best", "latest")
+    episodes: int | None = cli.option(
+        f"episodes of an evaluation; null: {RUN_EPISODES}, and {JOB_EPISODES} for each job of a sweep", None
+    )
+    seed: int = cli.option("episode i is seeded with seed + i", 0)
+    grids: bool = cli.option("run: heat maps over mode parameters, which take minutes", True)
+    grid_points: int = cli.option("points of each axis of a heat map", 7)
+    cell_episodes: int = cli.option("episodes of each cell of a heat map", 10)
+    traces: int = cli.option("run: episodes to draw as motion traces", 3)
+    variants: str | None = cli.option(
+        "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
+        ",".join(report_run.VARIANTS),
+    )
+
+    def __post_init__(self) -> None:
+        if (self.run is None) == (self.sweep is None):
+            raise ValueError("give either 'run' or 'sweep'.")
+        least = {"episodes": 1, "seed": 0, "grid_points": 2, "cell_episodes": 1, "traces": 1}
+        for name, low in least.items():
+            value = getattr(self, name)
+            if value is not None and value < low:
+                raise ValueError(f"'{name}' must be at least {low}, found {value}.")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "write a page about a run or a sweep: training, evaluation, motion, with all pictures and data beside it.",
+    [
+        "ogmp-report run=runs/parkour/2026-01-31_12-00-00",
+        "ogmp-report run=parkour out=report grids=false",
+        "ogmp-report run=runs/dive/2026-01-31_12-00-00 policy=best variants=oracle traces=4",
+        "ogmp-report sweep=runs/parkour/2026-01-31_14-00-00 episodes=100",
+    ],
+    ReportConfig,
+    "any other key of the task file, for the evaluations, e.g. evaluation.track_length=20",
+)
+
+
+def _run(arguments: list[str]) -> None:
+    config, overrides = cli.parse(ReportConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    variants = _variants(config.variants)
+    if config.run is not None:
+        page = _report_run(config, config.run, overrides, variants)
+    else:
+        assert config.sweep is not None
+        page = _report_sweep(config, Path(config.sweep), overrides, variants)
+    Console().print(str(page), soft_wrap=True)
+
+
+def _report_run(config: ReportConfig, name: str, overrides: list[str], variants: list[str]) -> Path:
+    folder = Path(name)
+    if (folder / MULTIRUN).is_file():
+        raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
+    run = read_run(folder) if (folder / CONFIG).is_file() else None
+    loaded = load_policy(folder / "best" if run and config.policy == "best" else name)
+    out = Path(config.out) if config.out else folder / "report" if run else Path("report") / loaded.path.name
+    subject = Subject(loaded, overrides, folder if run else out)
+    out.mkdir(parents=True, exist_ok=True)
+    sections = [
+        report_run.overview(subject, run),
+        report_run.training(run, subject.loaded.task.rho, out) if run else None,
+        report_run.evaluation(subject, config.episodes or RUN_EPISODES, config.seed, out),
+        report_run.motion(subject, config.traces, config.seed, variants, out),
+        report_run.mode_parameters(subject, config.grid_points, config.cell_episodes, config.seed, out)
+        if config.grids
+        else None,
+        report_run.latents(subject, config.seed, out),
+        report_run.videos(folder) if run else None,
+    ]
+    subtitle = f"{loaded.task.name}, {loaded.task.oracle} oracle, rho {shown(loaded.task.rho)}"
+    return _write(out, folder.resolve().name, subtitle, sections)
+
+
+def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], variants: list[str]) -> Path:
+    if not folder.is_dir():
+        raise ValueError(f"'{folder}': no such directory.")
+    if (folder / CONFIG).is_file():
+        raise ValueError(f"'{folder}' is one run, not a multirun: give it as run={folder}.")
+    sweep = sort_out(read_sweep(folder))
+    subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides)
+    out, episodes = Path(config.out) if config.out else folder / "report", config.episodes or JOB_EPISODES
+    out.mkdir(parents=True, exist_ok=True)
+    found = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
+    sections = [
+        report_sweep.overview(sweep, subjects, folder),
+        report_sweep.curves(sweep, out),
+        report_sweep.objectives(sweep, subjects, found, out),
+        report_sweep.jobs(sweep, subjects, notes),
+        report_sweep.evaluation(sweep, subjects, found, episodes, config.seed, out),
+        report_sweep.motion(sweep, subjects, config.seed, variants, out),
+    ]
+    return _write(out, folder.resolve().name, f"{len(sweep.jobs)} jobs over {', '.join(sweep.keys)}", sections)
+
+
+def _write(out: Path, title: str, subtitle: str, sections: list[Section | None]) -> Path:
+    write_page(out / PAGE, title, subtitle, [section for section in sections if section is not None])
+    return out / PAGE
+
+
+def _variants(text: str | None) -> list[str]:
+    """The keys that motion traces are varied in."""
+    keys = [key.strip() for key in (text or "").split(",") if key.strip()]
+    for key in keys:
+        if key not in report_run.VARIANTS:
+            raise KeyError(f"unknown variant '{key}'{did_you_mean(key, report_run.VARIANTS)}")
+    return keys
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

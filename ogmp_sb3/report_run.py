@@ -1,0 +1,272 @@
+"""The sections of a report on one run."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3 import registry
+from ogmp_sb3.check import standing_still
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.encoder import reference_data
+from ogmp_sb3.grid import default_grids
+from ogmp_sb3.latent import load_encoder
+from ogmp_sb3.logs import STEP_COLUMN, progress_bar
+from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
+from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
+from ogmp_sb3.plotting_training import SMOOTH, plot_training
+from ogmp_sb3.runs import Run
+from ogmp_sb3.subject import Subject
+from ogmp_sb3.traces import Trace, ground_rows, trace_rows
+
+VARIANTS = {"oracle": ("linear", "lqr", "preview"), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}  # fig:abl_trc
+CURVES = {
+    "episode/return": "return",
+    "episode/length": "length (control steps)",
+    "episode/distance": "distance (m)",
+    "episode/level": "level of the curriculum",
+    "episode/deviation": "mean deviation ‖W (x − x_ref)‖",
+}
+CAUSE = "termination/"
+REFERENCES = 200  # of each mode, in the picture of the latent
+THIN = "\N{NARROW NO-BREAK SPACE}"
+LARGEST_VIDEO = 5_000_000  # bytes that are put into the page
+
+
+def overview(subject: Subject, run: Run | None) -> Section:
+    """What was trained, and on what."""
+    task, info = subject.loaded.task, subject.loaded.info
+    weights = ", ".join(f"{name} {weight:g}" for name, weight in task.bound.items() if weight)
+    rows = [
+        ["task", f"{task.name}: {task.description}"],
+        ["oracle", task.oracle],
+        ["horizon", "one mode" if task.horizon is None else f"{task.horizon} control steps of {task.control_dt:g} s"],
+        ["rho", "off (unguided)" if task.rho is None else f"{task.rho:g} (W: {weights})"],
+        ["standing still", standing_still(task) or "not bounded by rho in this task"],
+        ["least reward of a step", "off" if task.min_step_reward is None else f"{task.min_step_reward:g}"],
+        ["observations", ", ".join(name for name, given in task.observations.items() if given is not None)],
+        ["seed", str(info.get("seed", "not recorded"))],
+        ["samples", _samples(subject, run)],
+        ["versions", ", ".join(f"{name} {version}" for name, version in (info.get("versions") or {}).items())],
+        ["policy", str(subject.loaded.path)],
+    ]
+    if run is not None and run.overrides:
+        rows.append(["command", run.command])
+    if subject.overrides:
+        rows.append(["evaluated with", " ".join(subject.overrides)])
+    return Section("Run", "", [Table(rows)])
+
+
+def _samples(subject: Subject, run: Run | None) -> str:
+    text = "not recorded" if subject.samples is None else f"{subject.samples:,}"
+    if run is None:
+        return text
+    total = run.config.get("train", {}).get("total_timesteps")
+    return f"{text}; the run is {run.state}, with {run.samples:,} of {total:,}"
+
+
+def training(run: Run, rho: float | None, out: Path) -> Section | None:
+    """Curves of ``progress.csv``."""
+    if not run.log:
+        return None
+    columns = {column: label for column, label in CURVES.items() if np.isfinite(run.log.get(column, np.nan)).any()}
+    causes = {column: column.removeprefix(CAUSE) for column in run.log if column.startswith(CAUSE)}
+    names = [STEP_COLUMN, *columns, *causes]
+    rows = [dict(zip(names, values, strict=True)) for values in zip(*(run.log[name] for name in names), strict=True)]
+    caption = (
+        f"Training episodes, exploration noise on: means over {SMOOTH} rows of progress.csv, the rows themselves "
+        "behind. Last: the share of episodes that each rule ended."
+    )
+    picture = make_picture(
+        out, "training", caption, rows, lambda path: plot_training(run.log, columns, causes, rho, path)
+    )
+    return Section("Training", "", [picture])
+
+
+def evaluation(subject: Subject, episodes: int, seed: int, out: Path) -> Section:
+    """Metrics with confidence intervals, and what ended the episodes."""
+    with progress_bar(episodes, "episode") as bar:
+        bar.set_description("evaluation")
+        found = subject.evaluation(episodes, seed, bar.update)
+    causes = found["terminations"]
+    parts: list[Table | Picture | Video] = [metrics_table(subject.task, found["metrics"])]
+    write_csv(out / "metrics.csv", metrics_rows([("all", found["metrics"]), *found["groups"].items()]))
+    parts.append(
+        make_picture(
+            out, "terminations", "What ended the episodes.",
+            [{"cause": cause, "episodes": count} for cause, count in causes.items()],
+            lambda path: plot_terminations(causes, path),
+        )
+    )  # fmt: skip
+    if found["groups"]:
+        names = list(next(iter(found["groups"].values())))
+        rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in found["groups"].items()]
+        parts.append(Table(rows, ["", *names], "By the words among the parameters of the first mode."))
+    return Section("Evaluation", protocol(subject.task, episodes, seed), parts)
+
+
+def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
+    """A sentence on how policies are evaluated."""
+    test = task.evaluation
+    track = "" if test.track_length is None else f" on a track of {test.track_length:g} m, flat ground behind it"
+    ends = ", ".join(name for name, given in test.terminations.items() if given is not None)
+    return (
+        f"{episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at most "
+        f"{test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode ends "
+        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 % (Wilson's for fractions). "
+        f"Physics step {task.physics_dt:g} s, on which accelerations depend."
+    )
+
+
+def metrics_table(task: TaskConfig, metrics: dict[str, Any]) -> Table:
+    """Every metric with its interval and what it means."""
+    rows = []
+    for name, summary in metrics.items():
+        kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
+        mean, std, (low, high) = summary["mean"], summary["std"], summary["ci95"]
+        numbers = [f"{mean:.3f}", f"{low:.3f}{THIN}…{THIN}{high:.3f}", f"{std:.3f}", str(summary["n"])]
+        rows.append([name, *numbers, _first_sentence(kinds.get(key))])
+    return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
+
+
+def metrics_rows(groups: list[tuple[str, dict[str, Any]]]) -> Rows:
+    """Metrics of groups of episodes, each with its name, as a table for a file."""
+    return [
+        {
+            "group": group, "metric": name, "mean": s["mean"], "low": s["ci95"][0], "high": s["ci95"][1],
+            "std": s["std"], "n": s["n"],
+        }
+        for group, metrics in groups
+        for name, s in metrics.items()
+    ]  # fmt: skip
+
+
+def interval(summary: dict[str, Any]) -> str:
+    """Mean and interval in one cell."""
+    low, high = summary["ci95"]
+    return f"{summary['mean']:.2f} [{low:.2f},{THIN}{high:.2f}]"
+
+
+def _first_sentence(function: Any) -> str:
+    text = (function.__doc__ or "").strip().split("\n\n")[0]
+    return re.sub(r":\w+:|`+", "", " ".join(text.split()))
+
+
+def mode_parameters(subject: Subject, points: int, episodes: int, seed: int, out: Path) -> Section | None:
+    """Heat maps of the return over two parameters of each mode that has two ranges."""
+    grids = default_grids(subject.task, points)
+    if not grids:
+        return None
+    found = []
+    with progress_bar(sum(len(grid.cells) for grid in grids) * episodes, "episode") as bar:
+        for grid in grids:
+            bar.set_description(f"{grid.mode}: {' x '.join(grid.axes)}")
+            found.append(subject.grid(grid, episodes, seed, bar.update))
+    rows = grid_rows(found)
+    means = []
+    for grid in grids:
+        inside, outside = (
+            [row["return"] for row in rows if row["mode"] == grid.mode and row["trained"] is trained]
+            for trained in (True, False)
+        )
+        means.append(f"{grid.mode} {_mean(inside)} and {_mean(outside)}")
+    caption = (
+        f"Return over two parameters of a mode, {episodes} episodes a cell, the training range outlined. Means over "
+        f"the cells inside and outside of it: {'; '.join(means)}."
+    )
+    picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(found, "return", path))
+    text = "Tracks that hold only one mode; two of its parameters are fixed, beyond the training range as well."
+    return Section("Mode parameters", text, [picture])
+
+
+def grid_rows(grids: list[dict[str, Any]]) -> Rows:
+    """The returns of grids as a table for a file: one row for each cell."""
+    rows = []
+    for grid in grids:
+        for cell in grid["cells"]:
+            inside = all(low - 1e-9 <= cell[key] <= high + 1e-9 for key, (low, high) in grid["trained"].items())
+            summary, (first, second) = cell["metrics"]["return"], grid["axes"]
+            rows.append({
+                "mode": grid["mode"], "first": first, "first_value": cell[first], "second": second,
+                "second_value": cell[second], "trained": inside, "return": summary["mean"],
+                "low": summary["ci95"][0], "high": summary["ci95"][1], "n": summary["n"],
+            })  # fmt: skip
+    return rows
+
+
+def _mean(values: list[float]) -> str:
+    return f"{np.mean(values):.1f}" if values else "none"
+
+
+def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out: Path) -> Section:
+    """Motion traces of the first episodes, and of one episode under other oracles, horizons and bounds."""
+    parts: list[Table | Picture | Video] = [
+        traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))
+    ]
+    for key in variants:
+        values = [value for value in VARIANTS[key] if _applies(subject.task, key, value)]
+        if not values:
+            continue
+        traces = list(
+            itertools.chain.from_iterable(
+                subject.traces(1, seed, f"{key} = {value}", (f"{key}={value}",)) for value in values
+            )
+        )
+        ends = " The bound ends the episode." if key == "rho" else ""
+        caption = f"The same policy, trained with {key} = {getattr(subject.task, key)}, under other values.{ends}"
+        parts.append(traces_picture(out, f"traces_{key}", caption, traces))
+    text = (
+        "The way of the base (black; grey strokes along the trunk) and what the oracle answered to each query (orange, "
+        "a dot at the query). The colour of the ground is that of the mode that laid it. Below: the deviation from "
+        "the reference in the norm of the bound, which is not enforced here unless said."
+    )
+    return Section("Motion", text, parts)
+
+
+def _applies(task: TaskConfig, key: str, value: Any) -> bool:
+    """Whether a variant makes sense: timed modes have no horizon, and an oracle needs its parameters."""
+    if key == "horizon":
+        return task.horizon is not None
+    return key != "oracle" or value in {*task.oracle_params, task.oracle}
+
+
+def traces_picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Picture:
+    """Motion traces with their data, the ground in a file of its own."""
+    rows, ground = trace_rows(traces), ground_rows(traces)
+    return make_picture(out, name, caption, rows, lambda path: plot_traces(traces, path), ground=ground)
+
+
+def latents(subject: Subject, seed: int, out: Path) -> Section | None:
+    """What the policy's encoder makes of references, by mode and parameter."""
+    task = subject.loaded.task
+    if not task.uses_latent or task.encoder is None:
+        return None
+    data = reference_data(task, REFERENCES, seed)
+    latent = load_encoder(task.encoder)(data.state, data.steps)
+    keys = dict.fromkeys(key for call in data.calls for key in call.parameters)
+    rows = [
+        {"mode": call.name, **{key: call.parameters.get(key, "") for key in keys}, "z1": z1, "z2": z2}
+        for call, (z1, z2) in zip(data.calls, latent, strict=True)
+    ]
+    caption = (
+        f"The latent of {REFERENCES} references of each mode, with uniform parameters and initial states; by mode, "
+        "and by each parameter that varies."
+    )
+    picture = make_picture(out, "latents", caption, rows, lambda path: plot_latents(latent, data.calls, path))
+    return Section("Mode latent", "", [picture])
+
+
+def videos(folder: Path) -> Section | None:
+    """The videos that lie in a run directory."""
+    parts: list[Table | Picture | Video] = []
+    for path in sorted(folder.glob("*.mp4")):
+        size = path.stat().st_size
+        if size < LARGEST_VIDEO:
+            parts.append(Video(path.name, data_uri(path, "video/mp4")))
+        else:
+            parts.append(Table([[path.name, f"{path}: {size / 1e6:.1f} MB, too large for the page"]]))
+    return Section("Video", "", parts) if parts else None

@@ -1,0 +1,209 @@
+"""The sections of a report on a sweep."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3.check import standing_still
+from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.course import standing_deviation
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.logs import progress_bar
+from ogmp_sb3.metrics import highest_objective
+from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
+from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
+from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
+from ogmp_sb3.rewards import highest_reward
+from ogmp_sb3.runs import Run
+from ogmp_sb3.subject import Subject
+from ogmp_sb3.sweeps import Sweep, describe, mean_curve, shown
+
+RETURN = "episode/return"
+SURROGATE, TRUE = "surrogate: return", "true objective"
+OBJECTIVES = {SURROGATE: "return", TRUE: "true_objective"}  # names of their metrics
+MOST_TRACES = 6  # panels of a picture of motion traces
+
+Subjects = dict[Path, Subject]
+Evaluations = dict[Path, dict[str, Any]]
+
+
+def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
+    """The policies of the jobs, by directory, and why there is none where there is none."""
+    subjects, notes = {}, {}
+    for job in sweep.jobs:
+        if not job.config:
+            continue
+        try:
+            loaded = load_policy(job.path / "best" if policy == "best" else job.path)
+        except (ValueError, KeyError) as error:
+            notes[job.path] = str(error.args[0])
+        else:
+            subjects[job.path] = Subject(loaded, overrides, job.path)
+    return subjects, notes
+
+
+def evaluate_jobs(subjects: Subjects, episodes: int, seed: int) -> Evaluations:
+    """The evaluations of all jobs that have a policy, by directory."""
+    found = {}
+    with progress_bar(len(subjects) * episodes, "episode") as bar:
+        bar.set_description("evaluation")
+        for path, subject in subjects.items():
+            found[path] = subject.evaluation(episodes, seed, bar.update)
+    return found
+
+
+def overview(sweep: Sweep, subjects: Subjects, folder: Path) -> Section:
+    """What was swept, and how far it got."""
+    states = Counter(job.state for job in sweep.jobs)
+    tasks = [subject.loaded.task for subject in subjects.values()]
+    versions = {
+        ", ".join(f"{name} {version}" for name, version in (subject.loaded.info.get("versions") or {}).items())
+        for subject in subjects.values()
+    }
+    rows = [
+        ["directory", str(folder)],
+        ["task", ", ".join(dict.fromkeys(f"{task.name}: {task.description}" for task in tasks)) or "none was loaded"],
+        ["swept", "; ".join(f"{key}: {_values(sweep, key)}" for key in sweep.keys) or "nothing"],
+        ["least reward of a step", ", ".join(dict.fromkeys(shown(task.min_step_reward) for task in tasks))],
+        ["jobs", ", ".join(f"{count} {state}" for state, count in states.items())],
+        ["versions", "; ".join(sorted(versions))],
+    ]
+    return Section("Sweep", "", [Table(rows)])
+
+
+def _values(sweep: Sweep, key: str) -> str:
+    return ", ".join(dict.fromkeys(shown(job.setting(key)) for job in sweep.jobs))
+
+
+def curves(sweep: Sweep, out: Path) -> Section | None:
+    """Training curves over the swept keys."""
+    rows: Rows = []
+    for panel in sweep.panels:
+        for line in panel.lines:
+            curve = mean_curve(line.runs, RETURN)
+            for samples, mean, low, high in zip(*(curve[k] for k in ("samples", "mean", "low", "high")), strict=True):
+                rows.append({
+                    "panel": panel.title, "line": shown(line.value), "samples": samples, "mean": mean, "low": low,
+                    "high": high,
+                })  # fmt: skip
+    if not rows:
+        return None
+    caption = (
+        f"Return of training episodes, one line for each {sweep.line_key}. Where jobs differ in the seed alone, the "
+        "line is their mean and the band goes from the least to the greatest."
+    )
+    picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
+    return Section("Training", "", [picture])
+
+
+def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) -> Section | None:
+    """Surrogate and true objective against the swept key, with what they can reach."""
+    rows: Rows = []
+    for objective, metric in OBJECTIVES.items():
+        for panel in sweep.panels:
+            for line in panel.lines:
+                summaries = [found[run.path]["metrics"][metric] for run in line.runs if run.path in found]
+                if summaries:
+                    means = [summary["mean"] for summary in summaries]
+                    low, high = summaries[0]["ci95"] if len(means) == 1 else (min(means), max(means))
+                    rows.append({
+                        "objective": objective, "line": panel.title, "value": shown(line.value),
+                        "mean": float(np.mean(means)), "low": low, "high": high, "seeds": len(means),
+                    })  # fmt: skip
+    if not rows:
+        return None
+    tasks = [subject.task for subject in subjects.values()]
+    bounds = {SURROGATE: _common(map(highest_return, tasks)), TRUE: _common(map(highest_objective, tasks))}
+    standing = _common(map(standing_deviation, tasks)) if sweep.line_key == "rho" else None
+    meanings = ", ".join(dict.fromkeys(task.objective for task in tasks))
+    caption = (
+        f"The surrogate objective, as undiscounted return, and the true objective ({meanings}) against "
+        f"{sweep.line_key}. Bars are 95 % intervals over episodes or, with several seeds, from the least to the "
+        "greatest seed. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
+    )
+    if standing is not None:
+        caption += (
+            f" Grey: v · horizon · control_dt = {standing[0]:.2f} to {standing[1]:.2f} m for the slowest and the "
+            "fastest mode; a bound beyond it lets the robot stand still."
+        )
+    picture = make_picture(
+        out, "objectives", caption, rows, lambda path: plot_objectives(rows, sweep.line_key, bounds, standing, path)
+    )
+    return Section("Objectives", "", [picture])
+
+
+def highest_return(task: TaskConfig) -> float | None:
+    """The highest return of an episode of the test protocol, None if it is not known."""
+    reward = highest_reward(task.rewards)
+    return None if reward is None else reward * task.evaluation.episode_steps
+
+
+def _common(values: Any) -> Any:
+    """What all jobs agree in, else None."""
+    different = set(values)
+    return different.pop() if len(different) == 1 else None
+
+
+def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
+    """Every job with its state."""
+    rows = []
+    for job in sweep.jobs:
+        subject = subjects.get(job.path)
+        samples = "none" if subject is None or subject.samples is None else f"{subject.samples:,}"
+        remark = standing_still(subject.task) if subject else notes.get(job.path)
+        returned = job.final(RETURN)
+        rows.append([
+            _label(job, sweep), job.state, f"{job.samples:,}", "" if np.isnan(returned) else f"{returned:.1f}", samples,
+            remark or "",
+        ])  # fmt: skip
+    columns = ["job", "state", "samples", "training return", "samples of the policy", "standing still"]
+    text = (
+        "The training return is the mean of the last rows of progress.csv. A job that is stopped goes on with "
+        "ogmp-train resume=<its directory>; one that failed left no checkpoint; a missing one was asked for but is "
+        "not there."
+    )
+    return Section("Jobs", text, [Table(rows, columns)])
+
+
+def evaluation(
+    sweep: Sweep, subjects: Subjects, found: Evaluations, episodes: int, seed: int, out: Path
+) -> Section | None:
+    """The metrics of every job that has a policy."""
+    if not found:
+        return None
+    measured = [(_label(job, sweep), found[job.path]["metrics"]) for job in sweep.jobs if job.path in found]
+    write_csv(out / "metrics.csv", metrics_rows(measured))
+    names = list(dict.fromkeys(name for _, metrics in measured for name in metrics))
+    rows = [
+        [label, *(interval(metrics[name]) if name in metrics else "" for name in names)] for label, metrics in measured
+    ]
+    text = protocol(next(iter(subjects.values())).task, episodes, seed)
+    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"])])
+
+
+def _label(job: Run, sweep: Sweep) -> str:
+    return describe(job, sweep.keys) or job.path.name
+
+
+def motion(sweep: Sweep, subjects: Subjects, seed: int, variants: list[str], out: Path) -> Section | None:
+    """Motion traces of the jobs' policies, a picture for each key that was swept."""
+    parts: list[Table | Picture | Video] = []
+    for key in variants:
+        if key not in sweep.keys:
+            continue
+        firsts: dict[str, Run] = {}
+        for job in sweep.jobs:
+            if job.path in subjects:
+                firsts.setdefault(shown(job.setting(key)), job)
+        traces = [
+            trace
+            for job in list(firsts.values())[:MOST_TRACES]
+            for trace in subjects[job.path].traces(1, seed, _label(job, sweep))
+        ]
+        caption = f"The policies of the first job with each {key}, on the episode of seed {seed}."
+        parts.append(traces_picture(out, f"traces_{key}", caption, traces))
+    return Section("Motion", "", parts) if parts else None

@@ -1,0 +1,47 @@
+"""Results that are kept as soon as they exist, so that a program that is interrupted goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+
+class Results:
+    """A file of results, one JSON line each, found by the settings they were computed with.
+
+    :param path: the file; its directory is made when the first result comes
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._known: dict[str, Any] = {}
+        for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
+            try:
+                entry = json.loads(line)
+                self._known[_key(entry["settings"])] = entry["result"]
+            except (ValueError, KeyError, TypeError):
+                continue  # a line that was being written when the machine stopped
+
+    def remember(self, settings: dict[str, Any], compute: Callable[[], Any]) -> Any:
+        """The result for these settings: from the file, or computed now and kept.
+
+        :param settings: plain data; everything the result depends on
+        :param compute: gives the result, plain data
+        """
+        key = _key(settings)
+        if key not in self._known:
+            line = json.dumps({"settings": settings, "result": compute()})
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(f"\n{line}")  # begins a line of its own even behind one that was cut off
+            self._known[key] = json.loads(line)["result"]
+        return self._known[key]
+
+    def __contains__(self, settings: dict[str, Any]) -> bool:
+        return _key(settings) in self._known
+
+
+def _key(settings: dict[str, Any]) -> str:
+    return json.dumps(settings, sort_keys=True)

@@ -1,0 +1,153 @@
+"""Run directories and multirun directories, as ``ogmp-train`` leaves them: what was asked for, and how far it got."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
+
+from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.schema import read_yaml
+
+FINISHED, RUNNING, STOPPED, FAILED, MISSING = "finished", "running", "stopped", "failed", "missing"
+QUIET = 600.0  # s: a run that has written nothing for so long is not running
+LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
+WRITTEN = (".hydra/*", "config.yaml", "progress.csv", "events.*", "checkpoints/*")  # by a training, unlike reports
+CONFIG, LOG, OVERRIDES, MULTIRUN = "config.yaml", "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training on disk, or one that a sweep should have made."""
+
+    path: Path
+    """the directory"""
+    overrides: tuple[str, ...]
+    """its command line, ``key=value``"""
+    config: dict[str, Any]
+    """``config.yaml``; empty if it was never written"""
+    log: dict[str, np.ndarray]
+    """``progress.csv`` by column, each of shape (rows,); nan where a cell is empty"""
+    state: str
+    """finished: all samples; running: wrote something lately; stopped: has a checkpoint to go on from;
+    failed: has none; missing: was never started, or has gone"""
+
+    @property
+    def samples(self) -> int:
+        """Samples so far, by the log and the checkpoints."""
+        return _samples(self.path, self.log)
+
+    @property
+    def command(self) -> str:
+        """What was typed."""
+        return " ".join(["ogmp-train", *self.overrides])
+
+    def final(self, column: str) -> float:
+        """Mean of the last rows of a column of the log, nan if there is none."""
+        values = self.log.get(column, np.array([]))[-LAST_ROWS:]
+        values = values[np.isfinite(values)]
+        return float(values.mean()) if len(values) else float("nan")
+
+    def setting(self, key: str) -> Any:
+        """The value of a key of the command line; one that was not given is looked up in ``config.yaml``."""
+        for override in self.overrides:
+            if _plain(override.partition("=")[0]) == key:
+                return OverridesParser.create().parse_override(override).value()
+        for part in ("task", "train"):
+            node = self.config.get(part)
+            for name in key.split("."):
+                node = node.get(name) if isinstance(node, dict) else None
+            if node is not None:
+                return node
+        return None
+
+
+def read_run(path: Path) -> Run:
+    """Read a run directory, in whatever state it is.
+
+    :raises ValueError: if a file in it cannot be read
+    """
+    overrides = tuple(OmegaConf.load(path / OVERRIDES)) if (path / OVERRIDES).is_file() else ()
+    config = read_yaml(path / CONFIG) if (path / CONFIG).is_file() else {}
+    log = read_log(path / LOG) if (path / LOG).is_file() else {}
+    return Run(path, overrides, config, log, _state(path, config, log))
+
+
+def read_sweep(path: Path) -> list[Run]:
+    """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
+
+    :raises ValueError: if it holds no job
+    """
+    folders = [p for p in sorted(path.iterdir()) if (p / CONFIG).is_file() or (p / OVERRIDES).is_file()]
+    jobs = [read_run(folder) for folder in folders]
+    wanted = _wanted(path / MULTIRUN) if (path / MULTIRUN).is_file() else []
+    found = {frozenset(job.overrides) for job in jobs}
+    for overrides in wanted:
+        if frozenset(overrides) not in found:
+            jobs.append(Run(path / "-", overrides, {}, {}, MISSING))
+    if not jobs:
+        raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
+    order = {frozenset(overrides): i for i, overrides in enumerate(wanted)}
+    return sorted(jobs, key=lambda job: order.get(frozenset(job.overrides), len(order)))
+
+
+def swept_keys(jobs: list[Run]) -> list[str]:
+    """The keys of the command line in which jobs differ."""
+    names = [_plain(override.partition("=")[0]) for job in jobs for override in job.overrides]
+    return [key for key in dict.fromkeys(names) if len({str(job.setting(key)) for job in jobs}) > 1]
+
+
+def read_log(path: Path) -> dict[str, np.ndarray]:
+    """Read a ``progress.csv``; rows without a number of samples are passed over.
+
+    :raises ValueError: if it holds anything but numbers
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row.get(STEP_COLUMN)]
+    try:
+        return {key: np.array([float(row[key] or "nan") for row in rows]) for key in (rows[0] if rows else ())}
+    except (ValueError, TypeError):
+        raise ValueError(f"{path}: not readable as a log of numbers.") from None
+
+
+def _samples(path: Path, log: dict[str, np.ndarray]) -> int:
+    logged = int(log[STEP_COLUMN][-1]) if log else 0
+    saved = [int(folder.name) for folder in checkpoint_dirs(path)]
+    return max([logged, *saved])
+
+
+def _state(path: Path, config: dict[str, Any], log: dict[str, np.ndarray]) -> str:
+    total = config.get("train", {}).get("total_timesteps")
+    if total is not None and _samples(path, log) >= total:
+        return FINISHED
+    written = [file for pattern in WRITTEN for file in path.glob(pattern)]
+    if time.time() - max((file.stat().st_mtime for file in written), default=0.0) < QUIET:
+        return RUNNING
+    return STOPPED if checkpoint_dirs(path) else FAILED
+
+
+def _wanted(path: Path) -> list[tuple[str, ...]]:
+    """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
+    hydra = read_yaml(path).get("hydra", {})
+    if not str(hydra.get("sweeper", {}).get("_target_", "")).endswith("BasicSweeper"):
+        return []
+    given = OverridesParser.create().parse_overrides(hydra.get("overrides", {}).get("task", []))
+    choices = [
+        [f"{o.get_key_element()}={value}" for value in o.sweep_string_iterator()] if o.is_sweep_override() else [text]
+        for o in given
+        if (text := o.input_line) is not None
+    ]
+    return list(itertools.product(*choices))
+
+
+def _plain(key: str) -> str:
+    """``task.rho``, ``+rho`` and ``rho`` are the same setting."""
+    return key.lstrip("+~").removeprefix("task.")

@@ -1,0 +1,122 @@
+"""A policy under report: its evaluations, which are kept, and its motion traces."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ogmp_sb3.checkpoints import LoadedPolicy
+from ogmp_sb3.config import apply_overrides, task_from_data
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.evaluate import evaluate_cell, measure
+from ogmp_sb3.grid import Grid
+from ogmp_sb3.recipe import versions
+from ogmp_sb3.results import Results
+from ogmp_sb3.traces import Trace, make_trace
+
+RESULTS = Path("evaluation") / "results.jsonl"
+METRICS = Path("evaluation") / "metrics.json"  # what ogmp-eval leaves there
+DECIDING = ("ogmp_sb3", "mujoco")  # versions that an evaluation depends on
+MEASURED = ("metrics", "groups", "median_distance_m", "terminations")  # what an evaluation gives
+Progress = Callable[[int], None]
+
+
+class Subject:
+    """A trained policy, and what has been found out about it.
+
+    :param loaded: the policy
+    :param overrides: of the task, ``key=value``
+    :param folder: where its results are kept: the run directory, or another one for a policy without a run
+    """
+
+    def __init__(self, loaded: LoadedPolicy, overrides: list[str], folder: Path) -> None:
+        self.loaded = loaded
+        self.overrides = overrides
+        self.task = self._task([])
+        self._folder = folder
+        self._results = Results(folder / RESULTS)
+        files = (self.loaded.path / name for name in ("policy.safetensors", "policy.json"))
+        digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        found = {name: version for name, version in versions().items() if name in DECIDING}
+        self._settings = {"policy": digest[:16], "versions": found, "overrides": overrides}
+
+    @property
+    def samples(self) -> int | None:
+        """Samples the policy was trained on, if it says so."""
+        return self.loaded.info.get("num_timesteps")
+
+    def evaluation(self, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
+        """Metrics under the task's test protocol: from before, from ``ogmp-eval``, or measured now.
+
+        :return: as :func:`~ogmp_sb3.evaluate.measure`, the return always among the metrics
+        """
+        settings = {**self._settings, "episodes": episodes, "seed": seed}
+        known = None if settings in self._results else self._evaluated(episodes, seed)
+        if known or settings in self._results:
+            progress(episodes)
+        return self._results.remember(  # type: ignore[no-any-return]
+            settings, lambda: known or measure(self.loaded.policy, self._test(), episodes, seed, progress=progress)
+        )
+
+    def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
+        """The metrics over a grid of mode parameters, as in ``metrics.json``.
+
+        :param episodes: of each cell
+        """
+        task, found = self._test(), []
+        for values in grid.cells:
+            settings = {**self._settings, "mode": grid.mode, "cell": values, "episodes": episodes, "seed": seed}
+            if settings in self._results:
+                progress(episodes)
+            found.append(
+                self._results.remember(
+                    settings,
+                    lambda values=values: evaluate_cell(  # type: ignore[misc]
+                        self.loaded.policy, task, grid.mode, values, episodes, seed, progress
+                    ),
+                )
+            )
+        return grid.as_data(found)
+
+    def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
+        """Motion traces of whole episodes under the test protocol; a bound that is given ends them.
+
+        :param title: of the traces; empty for their seeds
+        :param overrides: of the task, beside those of the subject
+        """
+        trained = self._task(list(overrides))
+        task = trained.for_evaluation()
+        if any(override.startswith("rho=") for override in overrides):
+            task = replace(task, rho=trained.rho)
+        records = play_episodes(self.loaded.policy, task, episodes, seed)
+        return [make_trace(record, trained, title or f"seed {seed + i}") for i, record in enumerate(records)]
+
+    def _task(self, overrides: list[str]) -> TaskConfig:
+        """The task as it was in training, with overrides."""
+        data = apply_overrides(copy.deepcopy(self.loaded.task_data), [*self.overrides, *overrides], "overrides")
+        return task_from_data(data, self.loaded.task_path)
+
+    def _test(self) -> TaskConfig:
+        """The task under its test protocol, the return among its metrics."""
+        metrics = dict.fromkeys((*self.task.evaluation.metrics, "return"))
+        return replace(self.task.for_evaluation(), evaluation=replace(self.task.evaluation, metrics=tuple(metrics)))
+
+    def _evaluated(self, episodes: int, seed: int) -> dict[str, Any] | None:
+        """What ``ogmp-eval`` found about this policy under the same settings, or None."""
+        try:
+            report = json.loads((self._folder / METRICS).read_text(encoding="utf-8"))
+            same = (
+                report["num_timesteps"] == self.samples
+                and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
+                and report["overrides"] == self.overrides
+                and report["metrics"]["return"]["n"] == episodes
+            )
+            return {key: report[key] for key in MEASURED} if same else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None

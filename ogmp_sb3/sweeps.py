@@ -1,0 +1,109 @@
+"""The jobs of a sweep by what they differ in: panels of lines, lines of runs that differ in the seed alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.runs import Run, swept_keys
+
+SEED = "seed"
+FIRST_CHOICE = ("rho", "horizon")  # what lines differ in, if it was swept
+
+
+@dataclass(frozen=True)
+class Line:
+    """Runs that differ in nothing but the seed."""
+
+    value: Any
+    """of the key that the lines of a panel differ in"""
+    runs: list[Run]
+    """one for each seed"""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines that differ in one key."""
+
+    title: str
+    """the values of all other keys; empty if there are none"""
+    lines: list[Line]
+    """in the order of their values"""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The jobs of a sweep, sorted out."""
+
+    jobs: list[Run]
+    """all of them"""
+    keys: list[str]
+    """the keys they differ in"""
+    line_key: str
+    """the key that the lines of a panel differ in"""
+    panels: list[Panel]
+    """one for each combination of the other keys but the seed"""
+
+
+def sort_out(jobs: list[Run]) -> Sweep:
+    """Group the jobs of a sweep; those that were never started have no line.
+
+    Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key.
+    """
+    keys = swept_keys(jobs)
+    grouping = [key for key in keys if key != SEED]
+    numeric = [key for key in grouping if all(_is_number(job.setting(key)) for job in jobs)]
+    line_key = next(iter([*(k for k in FIRST_CHOICE if k in grouping), *numeric, *grouping, *keys]), SEED)
+    others = [key for key in grouping if key != line_key]
+    groups: dict[str, dict[str, Line]] = {}
+    for job in jobs:
+        if not job.config:
+            continue
+        lines = groups.setdefault(describe(job, others), {})
+        value = job.setting(line_key)
+        lines.setdefault(str(value), Line(value, [])).runs.append(job)
+    panels = [Panel(title, sorted(lines.values(), key=_order)) for title, lines in groups.items()]
+    return Sweep(jobs, keys, line_key, panels)
+
+
+def describe(job: Run, keys: list[str]) -> str:
+    """The values of some keys of a job: ``oracle=lqr, rho=0.3``."""
+    return ", ".join(f"{key}={shown(job.setting(key))}" for key in keys)
+
+
+def shown(value: Any) -> str:
+    """A value as it is written on a command line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {shown(inner)}" for key, inner in value.items()) + "}"
+    return "null" if value is None else str(value)
+
+
+def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
+    """A column of the logs over samples: its mean over the runs, and the least and greatest of them.
+
+    :param runs: one run gives its rows as they are; several are compared where all of them have been, at the rows of
+        the first
+    :return: ``samples``, ``mean``, ``low`` and ``high``, each of shape (n,)
+    """
+    logs = [run.log for run in runs if column in run.log and len(run.log[column])]
+    if not logs:
+        return {name: np.array([]) for name in ("samples", "mean", "low", "high")}
+    start, end = max(log[STEP_COLUMN][0] for log in logs), min(log[STEP_COLUMN][-1] for log in logs)
+    samples = logs[0][STEP_COLUMN]
+    samples = samples[(samples >= start) & (samples <= end)]
+    values = np.stack([np.interp(samples, log[STEP_COLUMN], log[column]) for log in logs])
+    return {"samples": samples, "mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _order(line: Line) -> tuple[int, float, str]:
+    """Numbers by size, then words, then null: no bound is the widest."""
+    if _is_number(line.value):
+        return 0, float(line.value), ""
+    return (2, 0.0, "") if line.value is None else (1, 0.0, str(line.value))

@@ -1,0 +1,45 @@
+"""Episodes of an untrained policy, against the simulation they were played in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from ogmp_sb3.checkpoints import policy_kwargs
+from ogmp_sb3.config import load_task
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.policy import LstmPolicy
+
+TASK = replace(load_task("parkour", {"horizon": 5, "bound": {"x": 0.5, "z": 2.0}}).for_evaluation(), episode_steps=18)
+
+
+@pytest.fixture(scope="module")
+def records() -> list[EpisodeRecord]:
+    scale = BatchEnv(TASK).observation_scale
+    box = spaces.Box(np.float32(-50 * scale), np.float32(50 * scale), dtype=np.float32)
+    network = policy_kwargs(scale, lstm_hidden_size=8, n_lstm_layers=1)
+    policy = LstmPolicy(box, spaces.Box(-1.0, 1.0, (10,), np.float32), lambda _: 0.0, **network)
+    return play_episodes(policy, TASK, 3, seed=4)
+
+
+def test_every_row_of_a_record_has_one_entry_per_step_and_the_start(records: list[EpisodeRecord]) -> None:
+    for record in records:
+        for name in ("base_pos_w", "reward", "reference_pos_w", "phase", "deviation"):
+            assert len(getattr(record, name)) == record.steps + 1
+
+
+def test_the_phase_counts_from_each_query_of_the_oracle(records: list[EpisodeRecord]) -> None:
+    for record in records:
+        steps = np.arange(1, record.steps + 1)
+        np.testing.assert_array_equal(record.phase[1:], (steps - 1) % 5 + 1)
+
+
+def test_the_deviation_is_the_weighted_distance_to_the_reference(records: list[EpisodeRecord]) -> None:
+    for record in records:
+        error = record.base_pos_w - record.reference_pos_w
+        np.testing.assert_allclose(record.deviation, np.hypot(0.5 * error[:, 0], 2.0 * error[:, 2]), atol=1e-12)

@@ -1,0 +1,66 @@
+"""Grids over two parameters of a mode."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ogmp_sb3.config import load_task
+from ogmp_sb3.grid import cell_task, default_grids, read_grid
+from ogmp_sb3.ranges import Range
+
+PARKOUR = load_task("parkour")
+
+
+def test_an_axis_spans_half_a_range_beyond_both_ends_and_knows_what_was_trained() -> None:
+    grid = read_grid("jump.w,jump.h", PARKOUR, points=5)
+    assert (grid.mode, grid.axes) == ("jump", ("w", "h"))
+    np.testing.assert_allclose(grid.values[0], [0.2, 0.3, 0.4, 0.5, 0.6])
+    np.testing.assert_allclose(grid.values[1][[0, -1]], [0.125, 0.425])
+    assert grid.trained == {"w": [0.3, 0.5], "h": [0.2, 0.35]}
+    assert read_grid("pace.v,pace.length", PARKOUR).values[1][0] == 0.2  # half of 0.4, where half a range would give 0
+
+
+def test_an_axis_can_be_given_with_its_limits_and_points() -> None:
+    grid = read_grid("leap.w:0.1:0.3:3,leap.d:0.4:0.5:2", PARKOUR)
+    assert [tuple(cell.values()) for cell in grid.cells] == [
+        (0.1, 0.4), (0.1, 0.5), (0.2, 0.4), (0.2, 0.5), (0.3, 0.4), (0.3, 0.5),
+    ]  # fmt: skip
+
+
+def test_data_keep_metrics_with_their_cells() -> None:
+    grid = read_grid("jump.w:0:1:2,jump.h:2:3:2", PARKOUR)
+    data = grid.as_data([{"sum": cell["w"] + cell["h"]} for cell in grid.cells])
+    assert all(cell["metrics"]["sum"] == cell["w"] + cell["h"] for cell in data["cells"])
+    assert data["axes"] == ["w", "h"]
+
+
+def test_every_mode_with_two_ranges_has_a_grid_over_the_first_two() -> None:
+    assert [(g.mode, g.axes) for g in default_grids(PARKOUR)] == [
+        ("pace", ("v", "length")), ("jump", ("w", "h")), ("leap", ("w", "run_up")),
+    ]  # fmt: skip
+    assert default_grids(load_task("dive")) == []
+
+
+def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> None:
+    cell = cell_task(PARKOUR, "leap", {"w": 0.6})
+    assert cell.sampling.weights == {"pace": 0.0, "jump": 0.0, "leap": 1.0}
+    assert cell.mode_ranges["leap"]["w"] == Range(0.6, 0.6)
+    assert cell.mode_ranges["leap"]["run_up"] == Range(0.3, 0.6)
+    assert PARKOUR.mode_ranges["leap"]["w"] == Range(0.2, 0.35)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "sentence"),
+    [
+        ("jump.w", ValueError, "'grid' needs two parameters of one mode"),
+        ("jump.w,leap.w", ValueError, "'grid' needs two parameters of one mode"),
+        ("jmp.w,jmp.h", KeyError, "unknown mode 'jmp'.*Did you mean 'jump'"),
+        ("jump.q,jump.h", KeyError, "mode 'jump' has no number 'q'"),
+        ("jump.w:1:2,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:points"),
+        ("jump.w:a:b:c,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:points"),
+    ],
+)
+def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: str) -> None:
+    with pytest.raises(error, match=sentence):
+        read_grid(text, PARKOUR)

@@ -1,0 +1,32 @@
+"""The numbers behind pictures of trainings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ogmp_sb3.plotting_training import line_colours, plot_objectives, smoothed
+
+
+def test_smoothing_is_a_mean_over_the_rows_around_that_are_known() -> None:
+    values = np.array([1.0, 2.0, np.nan, 4.0, 9.0])
+    np.testing.assert_allclose(smoothed(values, 3), [1.5, 1.5, 3.0, 6.5, 6.5])
+    np.testing.assert_array_equal(smoothed(np.full(3, np.nan)), [np.nan] * 3)
+    np.testing.assert_array_equal(smoothed(np.array([7.0])), [7.0])
+
+
+def test_no_bound_is_black_and_all_other_lines_differ() -> None:
+    colours = line_colours(["0.3", "0.5", "null", "0.3", "0.8"])
+    assert colours["null"] == "black"
+    assert len({str(colour) for colour in colours.values()}) == 4
+
+
+def test_objectives_are_drawn_for_numbers_words_and_no_value(tmp_path: Path) -> None:
+    for i, values in enumerate((["0.3", "0.5", "null"], ["lqr", "linear"], ["null"])):
+        rows = [{"objective": "return", "line": "", "value": v, "mean": 3.0, "low": 2.0, "high": 4.0} for v in values]
+        plot_objectives(rows, "rho", {"return": 10.0}, (0.5, 1.0) if i == 0 else None, tmp_path / f"picture{i}")
+        with Image.open(tmp_path / f"picture{i}.png") as image:
+            assert image.width > 300
+        assert (tmp_path / f"picture{i}.svg").read_text().rstrip().endswith("</svg>")

@@ -1,0 +1,242 @@
+"""ogmp-report on a tiny run and a tiny sweep, as a user runs it."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import json
+import re
+import shutil
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from test_train import SMALL, program
+
+from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.config import load_task
+from ogmp_sb3.grid import default_grids
+from ogmp_sb3.report_sweep import highest_return
+from ogmp_sb3.subject import Subject
+
+QUICK = ["episodes=3", "evaluation.episode_steps=20"]
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory) -> Path:
+    """Two jobs that finished; four were asked for."""
+    folder = tmp_path_factory.mktemp("report")
+    arguments = ["-m", "task=parkour", "rho=0.3,0.5", "total_timesteps=512", "hydra.sweep.subdir=${hydra.job.num}"]
+    done = program("train", *arguments, *SMALL, "hydra.sweep.dir=sweep", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    multirun = folder / "sweep" / "multirun.yaml"
+    multirun.write_text(multirun.read_text().replace("rho=0.3,0.5", "rho=0.3,0.5,0.8,null"))
+    return folder / "sweep"
+
+
+@pytest.fixture(scope="module")
+def run_page(sweep: Path) -> Path:
+    (sweep / "0" / "run.mp4").write_bytes(b"not really a film")
+    grids = ["grid_points=2", "cell_episodes=1", "modes.pace.v=0.8"]
+    done = program("report", f"run={sweep / '0'}", *QUICK, *grids, "traces=2", cwd=sweep)
+    assert done.returncode == 0, done.stderr
+    return sweep / "0" / "report"
+
+
+@pytest.fixture(scope="module")
+def sweep_page(sweep: Path) -> Path:
+    done = program("report", f"sweep={sweep}", "out=page", *QUICK, cwd=sweep)
+    assert done.returncode == 0, done.stderr
+    return sweep / "page"
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_needs_nothing_else_and_every_picture_can_be_seen(run_page: Path, sweep_page: Path) -> None:
+    for folder in (run_page, sweep_page):
+        html = (folder / "report.html").read_text(encoding="utf-8")
+        sources, links = re.findall(r'\ssrc="([^"]*)"', html), re.findall(r'\shref="([^"]*)"', html)
+        assert sources and all(source.startswith("data:") for source in sources)
+        assert all(link.startswith("#") or (folder / link).is_file() for link in links)
+        assert "<script" not in html and "@import" not in html and "url(" not in html
+        pictures = [source for source in sources if source.startswith("data:image/svg+xml;base64,")]
+        for source in pictures:
+            assert ElementTree.fromstring(base64.b64decode(source.partition(",")[2])).tag.endswith("svg")
+        files = sorted(path.stem for path in folder.glob("*.svg"))
+        assert len(files) == len(pictures)
+        for stem in files:
+            with Image.open(folder / f"{stem}.png") as image:
+                image.verify()
+            assert rows(folder / f"{stem}.csv")
+
+
+def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
+    html = (run_page / "report.html").read_text(encoding="utf-8")
+    for text in ("rho=0.3", "preview", "30 control steps", "0.54 to 1.08 m", "mujoco", "512", "run.mp4"):
+        assert text in html
+    titles = re.findall(r"<h2>(.*?)</h2>", html)
+    assert titles == ["Run", "Training", "Evaluation", "Motion", "Mode parameters", "Mode latent", "Video"]
+
+
+def test_the_curves_are_those_of_progress_csv(run_page: Path) -> None:
+    logged, drawn = rows(run_page.parent / "progress.csv"), rows(run_page / "training.csv")
+    assert len(drawn) == len(logged) > 3
+    for column in drawn[0]:
+        assert [row[column] and float(row[column]) for row in drawn] == [
+            row[column] and float(row[column]) for row in logged
+        ]
+    assert {"time/total_timesteps", "episode/return", "episode/deviation"} <= set(drawn[0])
+
+
+def test_the_evaluation_is_that_of_ogmp_eval(run_page: Path, tmp_path: Path) -> None:
+    arguments = [f"run={run_page.parent}", *QUICK, "modes.pace.v=0.8", f"out={tmp_path}"]
+    assert program("evaluate", *arguments, cwd=tmp_path).returncode == 0
+    expected = json.loads((tmp_path / "metrics.json").read_text())
+    for row in rows(run_page / "metrics.csv"):
+        summary = expected["metrics"][row["metric"]]
+        assert (float(row["mean"]), float(row["low"]), float(row["high"])) == (summary["mean"], *summary["ci95"])
+    causes = {row["cause"]: int(row["episodes"]) for row in rows(run_page / "terminations.csv")}
+    assert causes == expected["terminations"]
+
+
+def test_heat_maps_know_which_cells_were_trained_on(run_page: Path) -> None:
+    cells = rows(run_page / "grids.csv")
+    assert [cell["mode"] for cell in cells] == ["jump"] * 4 + ["leap"] * 4
+    assert {cell["trained"] for cell in cells} == {"False"}  # two points of an axis are its ends
+
+
+def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Path) -> None:
+    assert {row["trace"].split(",")[0] for row in rows(run_page / "traces.csv")} == {"seed 0", "seed 1"}
+    queries = {}
+    for row in rows(run_page / "traces_horizon.csv"):
+        horizon = int(row["trace"].split(",")[0].removeprefix("horizon = "))
+        queries.setdefault(horizon, []).append(int(row["query"]))
+    assert sorted(queries) == [7, 15, 30]
+    for horizon, numbers in queries.items():
+        assert max(np.bincount(numbers)) <= horizon
+    bound = [row for row in rows(run_page / "traces_rho.csv") if row["trace"].startswith("rho = 0.1")]
+    assert all(float(row["deviation"]) <= 0.1 for row in bound[:-1])
+
+
+def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> None:
+    def fail(*arguments: object, **named: object) -> None:
+        raise AssertionError("played again")
+
+    monkeypatch.setattr("ogmp_sb3.subject.measure", fail)
+    monkeypatch.setattr("ogmp_sb3.subject.evaluate_cell", fail)
+    done: list[int] = []
+    subject = Subject(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
+    causes = subject.evaluation(3, 0, done.append)["terminations"]
+    assert sum(causes.values()) == sum(done) == 3
+    for grid in default_grids(subject.task, 2):
+        assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 4
+    with pytest.raises(AssertionError, match="played again"):
+        subject.evaluation(4, 0, done.append)
+
+
+def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tmp_path: Path, monkeypatch) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(sweep / "1", copy, ignore=shutil.ignore_patterns("evaluation", "report"))
+    assert program("evaluate", f"run={copy}", *QUICK, cwd=tmp_path).returncode == 0
+    left = json.loads((copy / "evaluation" / "metrics.json").read_text())
+    monkeypatch.setattr("ogmp_sb3.subject.measure", lambda *arguments, **named: {"metrics": "measured"})
+    found = Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None)
+    assert found == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
+    for overrides, episodes, seed in (([], 3, 0), ([QUICK[1]], 2, 0), ([QUICK[1]], 3, 1)):
+        subject = Subject(load_policy(copy), overrides, copy)
+        assert subject.evaluation(episodes, seed, lambda n: None) == {"metrics": "measured"}
+
+
+def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
+    shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
+    quick = ["grids=false", "variants=null", "traces=1"]
+    done = program("report", "run=mine", *QUICK, *quick, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "report"]
+    assert not (tmp_path / "mine" / "evaluation").exists()
+    assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "report" / "mine" / "report.html").read_text())
+
+
+def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) -> None:
+    html = (sweep_page / "report.html").read_text(encoding="utf-8")
+    assert "2 finished, 2 missing" in html
+    for value in ("0.3", "0.5", "0.8", "null"):
+        assert f'<th scope="row">rho={value}</th>' in html
+    assert {row["line"] for row in rows(sweep_page / "training.csv")} == {"0.3", "0.5"}
+    first = [float(row["mean"]) for row in rows(sweep_page / "training.csv") if row["line"] == "0.3"]
+    logged = [float(row["episode/return"]) for row in rows(sweep_page.parent / "0" / "progress.csv")]
+    assert first == logged
+
+
+def test_objectives_have_their_intervals(sweep_page: Path) -> None:
+    found = rows(sweep_page / "objectives.csv")
+    assert [(row["objective"], row["value"]) for row in found] == [
+        (name, value) for name in ("surrogate: return", "true objective") for value in ("0.3", "0.5")
+    ]
+    metrics = {(row["group"], row["metric"]): row for row in rows(sweep_page / "metrics.csv")}
+    for row, metric in zip(found, ["return", "return", "true_objective", "true_objective"], strict=True):
+        expected = metrics[f"rho={row['value']}", metric]
+        assert [row[key] for key in ("mean", "low", "high")] == [expected[key] for key in ("mean", "low", "high")]
+
+
+@pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
+def test_the_highest_return_is_full_reward_at_every_step_of_the_test(task: str, expected: float) -> None:
+    assert highest_return(load_task(task)) == pytest.approx(expected)
+
+
+def test_no_episode_beats_the_highest_return_of_its_steps(run_page: Path) -> None:
+    for row in rows(run_page / "metrics.csv"):
+        if row["metric"] == "return":
+            assert float(row["mean"]) <= 20 * highest_return(load_task("parkour")) / 400
+
+
+def test_a_job_that_cannot_be_loaded_is_listed_with_the_reason(sweep: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "sweep"
+    shutil.copytree(sweep, copy, ignore=shutil.ignore_patterns("page", "report", "evaluation"))
+    for policy in (copy / "1").rglob("policy.json"):
+        policy.write_text("{}")
+    with pytest.warns(UserWarning, match="damaged or missing"):
+        done = program("report", f"sweep={copy}", *QUICK, "variants=null", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "has no checkpoint to load" in (copy / "report" / "report.html").read_text()
+
+
+def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None:
+    (tmp_path / "sweep" / "0" / ".hydra").mkdir(parents=True)
+    (tmp_path / "sweep" / "0" / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["task=parkour", "rho=-1"]))
+    done = program("report", f"sweep={tmp_path / 'sweep'}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.findall(r"<h2>(.*?)</h2>", (tmp_path / "sweep" / "report" / "report.html").read_text()) == [
+        "Sweep",
+        "Jobs",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["out=x"], "give either 'run' or 'sweep'"),
+        (["run=a", "sweep=b"], "give either 'run' or 'sweep'"),
+        (["run=nowhere"], "'nowhere' is neither a run directory nor a shipped policy"),
+        (["sweep=nowhere"], "'nowhere': no such directory"),
+        (["run={sweep}"], "is a multirun: give it as sweep="),
+        (["sweep={sweep}/0"], "is one run, not a multirun: give it as run="),
+        (["run={sweep}/0", "variants=oracel"], "unknown variant 'oracel'"),
+        (["run={sweep}/0", "episodes=0"], "'episodes' must be at least 1"),
+        (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
+        (["sweep={sweep}", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
+        (["run={sweep}/0", "policy=worst"], "Did you mean|allowed: best, latest"),
+    ],
+)
+def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, sweep: Path, tmp_path: Path) -> None:
+    done = program("report", *(a.format(sweep=sweep) for a in arguments), cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.search(sentence, done.stderr)
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())

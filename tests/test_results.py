@@ -1,0 +1,48 @@
+"""Results that survive an interruption."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ogmp_sb3.results import Results
+
+
+def count_calls(value: object) -> tuple[list[int], object]:
+    calls: list[int] = []
+    return calls, lambda: calls.append(1) or value
+
+
+def test_a_result_is_computed_once_and_found_again_by_its_settings(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "results.jsonl"
+    calls, compute = count_calls({"mean": 0.1, "ci95": [0.0, 1 / 3]})
+    first = Results(path).remember({"seed": 0, "episodes": 5}, compute)
+    again = Results(path)
+    assert {"episodes": 5, "seed": 0} in again  # in whatever order
+    assert again.remember({"episodes": 5, "seed": 0}, compute) == first
+    assert len(calls) == 1
+    again.remember({"episodes": 5, "seed": 1}, compute)
+    assert len(calls) == 2
+
+
+def test_results_before_an_interruption_are_kept(tmp_path: Path) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    results = Results(tmp_path / "results.jsonl")
+    results.remember({"cell": 1}, lambda: 1.0)
+    with pytest.raises(KeyboardInterrupt):
+        results.remember({"cell": 2}, interrupt)
+    kept = Results(tmp_path / "results.jsonl")
+    assert {"cell": 1} in kept and {"cell": 2} not in kept
+
+
+def test_a_line_that_was_cut_off_is_passed_over_and_does_not_spoil_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    Results(path).remember({"cell": 1}, lambda: 1.0)
+    with path.open("a") as file:
+        file.write('\n{"settings": {"cell": 2}, "resu')
+    Results(path).remember({"cell": 3}, lambda: 3.0)
+    kept = Results(path)
+    assert [{"cell": i} in kept for i in (1, 2, 3)] == [True, False, True]

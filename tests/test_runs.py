@@ -1,0 +1,151 @@
+"""Run directories in every state, made by hand."""
+
+from __future__ import annotations
+
+import csv
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.runs import read_log, read_run, read_sweep, swept_keys
+
+HOURS_AGO = time.time() - 7200
+
+
+def write_log(path: Path, steps: list[int], **columns: list[float | str]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([STEP_COLUMN, *(name.replace("__", "/") for name in columns)])
+        writer.writerows(zip(steps, *columns.values(), strict=True))
+
+
+def make_run(
+    path: Path, overrides: list[str], total: int = 1000, steps: int = 0, checkpoint: int = 0, config: bool = True
+) -> Path:
+    """A run directory as ogmp-train leaves it, quiet for two hours."""
+    (path / ".hydra").mkdir(parents=True)
+    (path / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(overrides))
+    if config:
+        task = {"rho": 0.5, "oracle": "preview", "action": {"scale": 2.0}}
+        data = {"task": task, "train": {"seed": 0, "total_timesteps": total}}
+        (path / "config.yaml").write_text(yaml.safe_dump(data))
+    if steps:
+        rows = list(range(100, steps + 1, 100))
+        write_log(path / "progress.csv", rows, episode__return=[float(row) for row in rows])
+    if checkpoint:
+        folder = path / "checkpoints" / f"{checkpoint:012d}"
+        folder.mkdir(parents=True)
+        (folder / "policy.json").write_text("{}")
+    for file in path.rglob("*"):
+        os.utime(file, (HOURS_AGO, HOURS_AGO))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("total", "steps", "checkpoint", "config", "fresh", "state"),
+    [
+        (1000, 900, 1024, True, False, "finished"),
+        (1000, 500, 0, True, True, "running"),
+        (1000, 500, 256, True, False, "stopped"),
+        (1000, 500, 0, True, False, "failed"),
+        (1000, 0, 0, False, False, "failed"),
+        (1000, 0, 0, False, True, "running"),
+    ],
+)
+def test_the_state_of_a_run(
+    total: int, steps: int, checkpoint: int, config: bool, fresh: bool, state: str, tmp_path: Path
+) -> None:
+    path = make_run(tmp_path / "run", ["task=parkour"], total, steps, checkpoint, config)
+    if fresh:
+        os.utime(next(path.glob(".hydra/*")))
+    run = read_run(path)
+    assert run.state == state
+    assert run.samples == max(steps, checkpoint)
+
+
+def test_a_run_that_was_reported_on_is_not_running(tmp_path: Path) -> None:
+    path = make_run(tmp_path / "run", [], steps=500, checkpoint=256)
+    (path / "evaluation").mkdir()
+    (path / "evaluation" / "results.jsonl").write_text("{}")
+    (path / "run.mp4").write_text("")
+    assert read_run(path).state == "stopped"
+
+
+def test_the_log_has_the_numbers_of_the_file_and_nan_where_a_cell_is_empty(tmp_path: Path) -> None:
+    write_log(tmp_path / "progress.csv", [16, 32, 48], a__b=[0.1, "", 1e-9], c=[1, 2, 3])
+    with (tmp_path / "progress.csv").open("a") as file:
+        file.write("\n")
+    log = read_log(tmp_path / "progress.csv")
+    np.testing.assert_array_equal(log[STEP_COLUMN], [16, 32, 48])
+    np.testing.assert_array_equal(log["a/b"], [0.1, np.nan, 1e-9])
+
+
+def test_a_log_that_is_none_is_a_sentence(tmp_path: Path) -> None:
+    write_log(tmp_path / "progress.csv", [16], a=["many"])
+    with pytest.raises(ValueError, match=r"progress.csv: not readable as a log of numbers"):
+        read_log(tmp_path / "progress.csv")
+
+
+def test_the_final_value_is_the_mean_of_the_last_rows(tmp_path: Path) -> None:
+    run = read_run(make_run(tmp_path / "run", [], steps=1000))
+    assert run.final("episode/return") == np.mean([600, 700, 800, 900, 1000])
+    assert np.isnan(run.final("episode/level"))
+
+
+def test_a_setting_is_that_of_the_command_line_or_else_of_the_configuration(tmp_path: Path) -> None:
+    run = read_run(make_run(tmp_path / "run", ["task=parkour", "rho=null", "+task.horizon=15", "task.bound={z:1}"]))
+    assert run.setting("rho") is None
+    assert run.setting("horizon") == 15
+    assert run.setting("bound") == {"z": 1}
+    assert (run.setting("oracle"), run.setting("action.scale"), run.setting("seed")) == ("preview", 2.0, 0)
+    assert run.setting("nonsense") is None
+    assert run.command == "ogmp-train task=parkour rho=null +task.horizon=15 task.bound={z:1}"
+
+
+def make_sweep(folder: Path, sweeper: str = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper") -> Path:
+    """Six jobs were asked for; one finished, one runs, one failed, three were never started."""
+    make_run(folder / "0", ["task=parkour", "rho=0.3", "oracle=linear"], steps=1000, checkpoint=1000)
+    make_run(folder / "1", ["task=parkour", "rho=0.3", "oracle=lqr"], steps=300)
+    os.utime(folder / "1" / "progress.csv")
+    make_run(folder / "2", ["task=parkour", "rho=0.5", "oracle=linear"], config=False)
+    (folder / "report").mkdir()
+    (folder / "report" / "report.html").write_text("an earlier page")
+    overrides = {"hydra": ["hydra.mode=MULTIRUN"], "task": ["task=parkour", "rho=0.3,0.5,null", "oracle=linear,lqr"]}
+    hydra = {"sweeper": {"_target_": sweeper}, "overrides": overrides, "job": {"num": "???"}}
+    (folder / "multirun.yaml").write_text(yaml.safe_dump({"hydra": hydra}))
+    return folder
+
+
+def test_a_sweep_lists_every_job_that_was_asked_for_in_order(tmp_path: Path) -> None:
+    jobs = read_sweep(make_sweep(tmp_path))
+    assert [(job.setting("rho"), job.setting("oracle"), job.state) for job in jobs] == [
+        (0.3, "linear", "finished"),
+        (0.3, "lqr", "running"),
+        (0.5, "linear", "failed"),
+        (0.5, "lqr", "missing"),
+        (None, "linear", "missing"),
+        (None, "lqr", "missing"),
+    ]
+    assert swept_keys(jobs) == ["rho", "oracle"]
+
+
+def test_a_sweep_whose_sweeper_chose_as_it_went_lists_what_is_there(tmp_path: Path) -> None:
+    assert len(read_sweep(make_sweep(tmp_path, "hydra_plugins.optuna_sweeper.OptunaSweeper"))) == 3
+
+
+def test_runs_put_into_one_directory_by_hand_are_a_sweep(tmp_path: Path) -> None:
+    make_run(tmp_path / "a", ["task=parkour"], steps=100)
+    make_run(tmp_path / "b", ["task=parkour", "rho=0.1"], steps=100)
+    jobs = read_sweep(tmp_path)
+    assert swept_keys(jobs) == ["rho"]
+    assert [job.setting("rho") for job in jobs] == [0.5, 0.1]  # one by its config.yaml
+
+
+def test_a_directory_without_jobs_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="holds no job of a multirun"):
+        read_sweep(tmp_path)

@@ -1,0 +1,74 @@
+"""Jobs sorted by what they differ in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.runs import Run
+from ogmp_sb3.sweeps import describe, mean_curve, shown, sort_out
+
+
+def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:
+    overrides = tuple(f"{key}={shown(value)}" for key, value in settings.items())
+    columns = {key: np.array(values, dtype=float) for key, values in (log or {}).items()}
+    return Run(Path("job"), overrides, {"task": {}} if state != "missing" else {}, columns, state)
+
+
+def test_lines_differ_in_rho_panels_in_the_rest_and_seeds_share_a_line() -> None:
+    jobs = [job(rho=r, oracle=o, seed=s) for o in ("lqr", "linear") for r in (None, 0.5, 0.3) for s in (0, 1)]
+    sweep = sort_out(jobs)
+    assert sweep.line_key == "rho"
+    assert [panel.title for panel in sweep.panels] == ["oracle=lqr", "oracle=linear"]
+    for panel in sweep.panels:
+        assert [(line.value, len(line.runs)) for line in panel.lines] == [(0.3, 2), (0.5, 2), (None, 2)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "line_key"),
+    [
+        ([{"horizon": 7, "oracle": "lqr"}, {"horizon": 15, "oracle": "linear"}], "horizon"),
+        ([{"oracle": "lqr", "num_envs": 16}, {"oracle": "linear", "num_envs": 32}], "num_envs"),
+        ([{"oracle": "lqr"}, {"oracle": "linear"}], "oracle"),
+        ([{"seed": 0}, {"seed": 1}], "seed"),
+    ],
+)
+def test_without_rho_lines_differ_in_the_horizon_then_numbers_then_words(settings: list, line_key: str) -> None:
+    assert sort_out([job(**s) for s in settings]).line_key == line_key
+
+
+def test_a_job_that_was_never_started_has_no_line() -> None:
+    sweep = sort_out([job(rho=0.3), job(rho=0.5, state="missing")])
+    assert [line.value for line in sweep.panels[0].lines] == [0.3]
+    assert len(sweep.jobs) == 2
+
+
+def test_settings_are_shown_as_they_are_typed() -> None:
+    assert describe(job(rho=None, observations={"clock": None}), ["rho", "observations"]) == (
+        "rho=null, observations={clock: null}"
+    )
+
+
+def test_the_curve_of_one_run_is_its_log() -> None:
+    curve = mean_curve([job({STEP_COLUMN: [10, 20], "a": [1.0, 4.0]})], "a")
+    np.testing.assert_array_equal(curve["samples"], [10, 20])
+    for name in ("mean", "low", "high"):
+        np.testing.assert_array_equal(curve[name], [1.0, 4.0])
+
+
+def test_the_curve_of_several_seeds_goes_as_far_as_all_of_them() -> None:
+    first = job({STEP_COLUMN: [10, 20, 30], "a": [1.0, 2.0, 3.0]})
+    second = job({STEP_COLUMN: [10, 25], "a": [3.0, 6.0]})  # 5 at 20
+    curve = mean_curve([first, second, job()], "a")
+    np.testing.assert_array_equal(curve["samples"], [10, 20])
+    np.testing.assert_allclose(curve["mean"], [2.0, 3.5])
+    np.testing.assert_allclose(curve["low"], [1.0, 2.0])
+    np.testing.assert_allclose(curve["high"], [3.0, 5.0])
+
+
+def test_without_a_log_there_is_no_curve() -> None:
+    assert all(len(values) == 0 for values in mean_curve([job()], "a").values())
