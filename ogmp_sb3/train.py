@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.halving import search
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
@@ -139,21 +140,30 @@ def _fail(error: Exception) -> None:
     raise SystemExit(2) from None
 
 
-def main() -> None:
-    """Entry point."""
-    arguments = sys.argv[1:]
-    try:
-        if any(argument.startswith("resume=") for argument in arguments):
-            _resume(arguments)
-            return
-        if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
-            arguments.append("task=parkour")  # Hydra shows no help before the task is known
-        arguments = _register_tasks(arguments)
-    except (ValueError, KeyError, TypeError) as error:
-        _fail(error)
+def _run(arguments: list[str]) -> None:
+    """Run Hydra with a command line."""
+    arguments = _register_tasks(arguments)
     # Hydra wants its options before the overrides; people write them anywhere.
     sys.argv[1:] = sorted(arguments, key=lambda a: "=" in a and not a.startswith("-"))
     _hydra_main()
+
+
+def main() -> None:
+    """Entry point."""
+    arguments = sys.argv[1:]
+    searches = [argument.removeprefix("+search=") for argument in arguments if argument.startswith("+search=")]
+    try:
+        if any(argument.startswith("resume=") for argument in arguments):
+            _resume(arguments)
+        elif searches:
+            rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith("+search=")]
+            search(searches[-1], rest, _run)
+        else:
+            if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
+                arguments.append("task=parkour")  # Hydra shows no help before the task is known
+            _run(arguments)
+    except (ValueError, KeyError, TypeError) as error:
+        _fail(error)
 
 
 if __name__ == "__main__":

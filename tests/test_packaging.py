@@ -44,7 +44,7 @@ LAYERS = (
     {"traces", "results", "page"},
     {"plotting", "plotting_training", "logs", "cli", "episodes", "zoo", "player", "stage"},
     {"training", "robustness", "video", "viewer"},
-    {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics"}
+    {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
     | {"report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""

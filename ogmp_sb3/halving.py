@@ -1,0 +1,112 @@
+"""Successive halving: all values of a key train a little, the better half of them twice as long, and so on.
+
+Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML 2013. It needs runs that go on
+where they stopped, which ours are. Policies are compared by the task's true objective under its test protocol, where
+none has a bound: training returns of different bounds cannot be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.evaluate import measure
+from ogmp_sb3.recipe import DEFAULTS
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.results import Results
+from ogmp_sb3.runs import Run, read_sweep
+from ogmp_sb3.schema import Where, read, read_yaml
+
+SEARCHES = PACKAGE / "conf" / "search"
+SCORES = "halving.jsonl"  # in the directory of the search
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchConfig:
+    """A file of ``conf/search``."""
+
+    key: str
+    """what varies"""
+    values: tuple[str, ...]
+    """its values, as on a command line; ``key=a,b,c`` there replaces them"""
+    rounds: int
+    """how often jobs train and are compared; the last trains ``total_timesteps``, each before it half of the next"""
+    episodes: int
+    """of the test protocol, to compare jobs by"""
+
+    def __post_init__(self) -> None:
+        for name in ("rounds", "episodes"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+
+
+def search(name: str, arguments: list[str], multirun: Callable[[list[str]], object]) -> None:
+    """Run a search; one that was killed goes on with the same command.
+
+    :param name: of a file of ``conf/search``
+    :param arguments: the command line without the search
+    :param multirun: runs ``ogmp-train`` with a command line
+    :raises KeyError: if there is no such search
+    """
+    file = SEARCHES / f"{name}.yaml"
+    if not file.is_file():
+        raise KeyError(f"unknown search '{name}'{did_you_mean(name, (p.stem for p in SEARCHES.glob('*.yaml')))}")
+    config = read(SearchConfig, read_yaml(file), Where(str(file)))
+    given = {key: value for key, sign, value in (argument.partition("=") for argument in arguments) if sign}
+    values = [_word(yaml.safe_load(v)) for v in given.get(config.key, ",".join(config.values)).split(",")]
+    total = int(given.get("total_timesteps", read_yaml(DEFAULTS)["total_timesteps"]))
+    folder = Path(given.get("hydra.sweep.dir", f"runs/search/{name}"))
+    mine = (config.key, "total_timesteps", "hydra.sweep.dir")
+    rest = [argument for argument in arguments if argument.partition("=")[0] not in mine]
+    everything, spent = len(values) * total, 0
+    for left in reversed(range(config.rounds)):
+        budget = total // 2**left
+        spent += len(values) * (budget - (total // 2 ** (left + 1) if left < config.rounds - 1 else 0))
+        varied = f"{config.key}={','.join(values)}"
+        multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
+        ranked = _ranked(folder, config, values, budget)
+        values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
+        _show(ranked, len(values), f"after {budget:,} samples, {config.episodes} test episodes each")
+    print(f"Best: {config.key}={values[0]}. {spent:,} samples; the full grid takes {everything:,}.")
+
+
+def _ranked(folder: Path, config: SearchConfig, values: list[str], samples: int) -> list[tuple[list[float], str]]:
+    """Scores and values, the best first; a score that is known already is not computed again."""
+    known = Results(folder / SCORES)
+    jobs = {_word(job.setting(config.key)): job for job in read_sweep(folder)}
+    ranked = []
+    for value in values:
+        settings = {config.key: value, "samples": samples, "episodes": config.episodes}
+        ranked.append((known.remember(settings, lambda job=jobs[value]: _score(job, config.episodes)), value))  # type: ignore[misc]
+    return sorted(ranked, reverse=True, key=lambda entry: entry[0])
+
+
+def _score(job: Run, episodes: int) -> list[float]:
+    """The true objective, then the mean return, which tells apart those that reach nothing yet."""
+    loaded = load_policy(job.path)
+    task = loaded.task.for_evaluation()
+    task = replace(task, evaluation=replace(task.evaluation, metrics=("return",)))
+    metrics = measure(loaded.policy, task, episodes, seed=0)["metrics"]
+    return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
+
+
+def _word(value: object) -> str:
+    """As on a command line."""
+    return "null" if value is None else str(value)
+
+
+def _show(ranked: list[tuple[list[float], str]], kept: int, title: str) -> None:
+    table = Table("value", title=title, title_justify="left", min_width=len(title))
+    for name in ("true objective", "return"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for place, (score, value) in enumerate(ranked):
+        table.add_row(value, *(f"{number:.3f}" for number in score), "kept" if place < kept else "dropped")
+    Console().print(table)

@@ -1,0 +1,73 @@
+"""Successive halving, with made-up scores and for real."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from programs import SMALL, program
+
+from ogmp_sb3 import halving
+from ogmp_sb3.schema import write_yaml
+
+
+@pytest.fixture
+def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """What was trained: values and samples. The score of a value is the value, but for 0.05, which starts well."""
+    trained: list[tuple[str, int]] = []
+
+    def multirun(arguments: list[str]) -> None:
+        given = dict(argument.partition("=")[::2] for argument in arguments)
+        for value in given["rho"].split(","):
+            trained.append((value, int(given["total_timesteps"])))
+            folder = tmp_path / "search" / f"rho={value}"
+            folder.mkdir(parents=True, exist_ok=True)
+            write_yaml(folder / "config.yaml", {"task": {"rho": float(value)}, "train": {"total_timesteps": 0}})
+
+    def score(job: halving.Run, episodes: int) -> list[float]:
+        rho = float(job.setting("rho"))
+        return [1.0 if rho == 0.05 and trained[-1][1] <= 100 else rho, 0.0]
+
+    monkeypatch.setattr(halving, "_score", score)
+    monkeypatch.setattr(halving, "multirun", multirun, raising=False)
+    return trained
+
+
+def run(tmp_path: Path, *arguments: str) -> None:
+    given = ["task=parkour", "total_timesteps=800", f"hydra.sweep.dir={tmp_path / 'search'}", *arguments]
+    halving.search("rho", given, halving.multirun)  # type: ignore[attr-defined]
+
+
+def test_the_better_half_trains_twice_as_long(played, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(tmp_path)
+    eight = [(value, 100) for value in ("0.05", "0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.8")]
+    four = [(value, 200) for value in ("0.05", "0.8", "0.6", "0.5")]
+    assert played == eight + four + [("0.8", 400), ("0.6", 400), ("0.8", 800)]
+    assert "Best: rho=0.8. 2,000 samples; the full grid takes 6,400." in capsys.readouterr().out
+
+
+def test_values_on_the_command_line_count(played, tmp_path: Path) -> None:
+    run(tmp_path, "rho=0.10,0.3")
+    assert played == [("0.1", 100), ("0.3", 100), ("0.3", 200), ("0.3", 400), ("0.3", 800)]
+
+
+def test_scores_are_kept(played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(tmp_path, "rho=0.1,0.3")
+    before = list(played)
+    monkeypatch.setattr(halving, "_score", lambda job, episodes: pytest.fail("was computed again"))
+    run(tmp_path, "rho=0.1,0.3")
+    assert played == before * 2
+
+
+def test_a_real_search_trains_and_ranks(tmp_path: Path) -> None:
+    arguments = ["-m", "+search=rho", "task=dive", "rho=0.1,0.4", "total_timesteps=1024", *SMALL]
+    done = program("train", *arguments, "hydra/launcher=basic", "task.evaluation.episode_steps=10", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1,152 samples; the full grid takes 2,048." in done.stdout
+    assert done.stdout.count("kept") == 4 and done.stdout.count("dropped") == 1
+
+
+def test_an_unknown_search_is_a_sentence(tmp_path: Path) -> None:
+    done = program("train", "-m", "+search=roh", "task=dive", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "unknown search 'roh' (allowed: rho). Did you mean 'rho'?" in done.stderr
