@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import multiprocessing
 import os
 import platform
 import resource
@@ -202,6 +203,8 @@ def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> fl
 
 
 def _stock_env(kind: type[VecEnv], task: str, number: int) -> VecEnv:
+    # Imported once, by the server that all workers are forked from: 64 imports of PyTorch take minutes on two cores.
+    multiprocessing.set_forkserver_preload(["ogmp_sb3.adapters"])
     makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
     return kind(makers)
 
