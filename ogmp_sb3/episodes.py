@@ -37,13 +37,14 @@ def play_episodes(
     records: list[EpisodeRecord] = []
     for first in range(0, episodes, BATCH):
         env = BatchEnv(task, min(BATCH, episodes - first), seed + first)
-        records += _play_batch(policy, env, max_distance, progress or (lambda _: None))
+        records += play_batch(policy, env, max_distance, progress or (lambda _: None))
     return records
 
 
-def _play_batch(
+def play_batch(
     policy: LstmPolicy, env: BatchEnv, max_distance: float | None, progress: Callable[[int], None]
 ) -> list[EpisodeRecord]:
+    """Play one episode in each environment; the parameters are those of :func:`play_episodes`."""
     observation = env.reset()
     start_x = env.sim.qpos[:, env.sim.base_qpos].copy()
     steps: list[dict[str, np.ndarray]] = [_snapshot(env, env.view(), np.zeros(env.num_envs))]

@@ -19,6 +19,7 @@ from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
@@ -43,6 +44,7 @@ class EvalConfig:
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
+    epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
     out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
 
     def __post_init__(self) -> None:
@@ -52,8 +54,9 @@ class EvalConfig:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
         if self.max_distance <= 0:
             raise ValueError(f"'max_distance' must be above 0, found {self.max_distance:g}.")
-        if self.robustness and self.grid:
-            raise ValueError("'robustness' and 'grid' are two evaluations: give one of them.")
+        given = [name for name in ("grid", "robustness", "epsilon") if getattr(self, name)]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(map(repr, given))} are different evaluations: give one of them.")
 
 
 HELP = cli.usage(
@@ -67,6 +70,7 @@ HELP = cli.usage(
         "ogmp-eval run=parkour grid=jump.w,jump.h",
         "ogmp-eval run=parkour grid=leap.w:0.1:0.6:6,leap.run_up:0.2:0.6:5",
         "ogmp-eval run=parkour robustness=true randomisation.push.speed=0.5",
+        "ogmp-eval run=parkour epsilon=true",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
     ],
     EvalConfig,
@@ -197,6 +201,11 @@ def _run(arguments: list[str]) -> None:
         write_csv(report["robustness"], out / "robustness.csv")
         plot_robustness(report["robustness"], out / "robustness.png")
         console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}")
+    elif config.epsilon:
+        with progress_bar(config.episodes, "episode") as bar:
+            report["epsilon"] = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
+        _write(out, report)
+        _show_epsilon(report["epsilon"], loaded.task.rho, console)
     else:
         with progress_bar(config.episodes, "episode") as bar:
             report |= measure(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
@@ -207,6 +216,18 @@ def _run(arguments: list[str]) -> None:
         ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
         console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
     console.print(f"{out / 'metrics.json'}")
+
+
+def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | None, console: Console) -> None:
+    title = f"deviation from each oracle, trained with rho {rho}"
+    table = Table(title=title, title_justify="left", min_width=len(title))
+    for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
+        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
+    for oracle, modes in found.items():
+        for mode, spread in modes.items():
+            numbers = (f"{spread[name]:.3f}" for name in ("median", "p95", "max"))
+            table.add_row(oracle, mode, *numbers, f"{spread['steps']:,}")
+    console.print(table)
 
 
 def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:

@@ -43,7 +43,7 @@ LAYERS = (
     {"recipe"},
     {"traces", "results", "page"},
     {"plotting", "plotting_training", "logs", "cli", "episodes", "zoo", "player", "stage"},
-    {"training", "robustness", "video", "viewer"},
+    {"training", "robustness", "epsilon", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
     | {"report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
 )

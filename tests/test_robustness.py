@@ -99,7 +99,7 @@ def test_without_a_disturbance_every_sweep_says_the_same(evaluation: Path) -> No
 def test_robustness_and_grid_do_not_go_together(tmp_path: Path) -> None:
     done = program("evaluate", "run=x", "robustness=true", "grid=jump.w,jump.h", cwd=tmp_path)
     assert done.returncode == 2
-    assert "'robustness' and 'grid' are two evaluations: give one of them." in done.stderr
+    assert "'grid' and 'robustness' are different evaluations: give one of them." in done.stderr
 
 
 def test_a_policy_that_stands_falls_under_pushes_that_are_hard_enough() -> None:

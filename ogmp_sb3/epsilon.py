@@ -1,0 +1,96 @@
+"""Epsilon: how far the states of a policy stray from the references of each oracle, mode by mode.
+
+The paper's oracle is one whose reference stays within epsilon of the optimal states, and its bound must hold
+rho >= epsilon. The states of a good policy stand in for the optimal ones here, so this is an estimate, and a biased
+one: a policy that was trained within a rho of one oracle has learned to stay near that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.env import BatchEnv, StepResult, make_oracle
+from ogmp_sb3.episodes import BATCH, play_batch
+from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.reference import Reference, SetPoints
+from ogmp_sb3.view import EnvView, deviation
+
+PERCENTILES = (50.0, 95.0, 100.0)
+
+
+class ShadowedEnv(BatchEnv):
+    """Environments in which every oracle of the task is asked what the task's own is asked.
+
+    Robot and policy know only their own oracle. ``deviations`` collects ``||W (x - x_ref)||`` to each of them.
+    """
+
+    def __init__(self, task: TaskConfig, num_envs: int, seed: int) -> None:
+        self._shadows = {name: make_oracle(replace(task, oracle=name)) for name in task.oracle_params}
+        self._plans: dict[str, np.ndarray] = {}
+        self._now: dict[str, np.ndarray] = {}
+        self.deviations: dict[str, dict[str, list[float]]] = {name: {} for name in self._shadows}
+        """by oracle and mode, one for each control step"""
+        super().__init__(task, num_envs, seed)
+
+    def _ask(self, rows: np.ndarray, points: SetPoints, x0: np.ndarray) -> Reference:
+        for name, oracle in self._shadows.items():
+            states = oracle(points, x0).state
+            plans = self._plans.setdefault(name, np.zeros_like(self._reference))
+            plans[rows, : states.shape[1]] = states
+        return super()._ask(rows, points, x0)
+
+    def view(self, rows: np.ndarray | None = None) -> EnvView:
+        view = super().view(rows)
+        if rows is None:
+            every = np.arange(self.num_envs)
+            self._now = {
+                name: deviation(view.state, plans[every, view.phase], self._weights)
+                for name, plans in self._plans.items()
+            }
+        return view
+
+    def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
+        """As in :class:`~ogmp_sb3.env.BatchEnv`; the deviations of the environments that are stepped are collected."""
+        x = self.sim.qpos[:, self.sim.base_qpos]
+        every = range(self.num_envs) if rows is None else rows
+        modes = {row: self.course.mode_at(row, float(x[row])).name for row in every}
+        result = super().step(actions, rows)
+        for name, values in self._now.items():
+            for row, mode in modes.items():
+                if np.isfinite(values[row]):
+                    self.deviations[name].setdefault(mode, []).append(float(values[row]))
+        return result
+
+
+def estimate_epsilon(
+    policy: LstmPolicy, task: TaskConfig, episodes: int, seed: int, progress: Callable[[int], None]
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Median, 95th percentile and greatest deviation from each oracle in each mode.
+
+    :param policy: a good one
+    :param task: under the protocol wanted; its bound is taken off
+    :param episodes: how many
+    :param seed: episode ``i`` is seeded with ``seed + i``
+    :param progress: called with the number of episodes that have just ended
+    :return: by oracle and mode: ``median``, ``p95``, ``max``, in the unit of the bound, and ``steps``
+    """
+    task = replace(task, rho=None)
+    found: dict[str, dict[str, list[float]]] = {}
+    for first in range(0, episodes, BATCH):
+        env = ShadowedEnv(task, min(BATCH, episodes - first), seed + first)
+        play_batch(policy, env, None, progress)
+        for oracle, modes in env.deviations.items():
+            for mode, values in modes.items():
+                found.setdefault(oracle, {}).setdefault(mode, []).extend(values)
+    return {
+        oracle: {mode: _spread(values) for mode, values in sorted(modes.items())} for oracle, modes in found.items()
+    }
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    median, p95, greatest = (float(x) for x in np.percentile(values, PERCENTILES))
+    return {"median": median, "p95": p95, "max": greatest, "steps": len(values)}
