@@ -49,10 +49,10 @@ def test_anything_else_is_no_range(data: Any, kind: type[Exception], message: st
         Range.from_data(data, HERE)
 
 
-def test_beyond_a_range_lies_half_of_it_at_both_ends_but_nothing_below_zero() -> None:
+def test_beyond_a_range_lies_half_of_it_at_both_ends_but_nothing_below_half_its_least_value() -> None:
     assert Range(1.0, 2.0).beyond() == (0.5, 2.5)
     assert Range(0.8, 0.8).beyond() == pytest.approx((0.4, 1.2))
-    assert Range(0.1, 0.5).beyond() == pytest.approx((0.02, 0.7))
+    assert Range(0.1, 0.5).beyond() == pytest.approx((0.05, 0.7))
     low, high = Range(0.0, 0.0).beyond()
     assert low < high
 
