@@ -202,14 +202,14 @@ def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> fl
     return num_envs * steps / _seconds(lambda: [env.step(action) for action in actions])
 
 
-def _stock_env(kind: type[VecEnv], task: str, number: int) -> VecEnv:
+def _stock_env(kind: Callable[..., VecEnv], task: str, number: int) -> VecEnv:
     # Imported once, by the server that all workers are forked from: 64 imports of PyTorch take minutes on two cores.
     multiprocessing.set_forkserver_preload(["ogmp_sb3.adapters"])
     makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
     return kind(makers)
 
 
-def _time_stock(kind: type[VecEnv], task: str, number: int, steps: int) -> float:
+def _time_stock(kind: Callable[..., VecEnv], task: str, number: int, steps: int) -> float:
     actions = _actions(load_task(task), steps, number)
     with closing(_stock_env(kind, task, number)) as env:
         env.reset()

@@ -266,7 +266,7 @@ def latest_checkpoint(run_dir: Path) -> Path:
     raise KeyError(f"'{run_dir}' has no checkpoint to load.")
 
 
-def _network(policy: LstmPolicy) -> dict[str, Any]:
+def _network(policy: Any) -> dict[str, Any]:
     return {
         "scale": policy.features_extractor.floor.tolist(),
         "actions": int(policy.action_space.shape[0]),

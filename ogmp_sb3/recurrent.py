@@ -195,7 +195,7 @@ class RecurrentPPO(StockRecurrentPPO):
         clip_range = self.clip_range(self._current_progress_remaining)
         buffer.freeze()
         with th.no_grad():
-            features = policy.extract_features(buffer.flat["observations"])
+            features: Any = policy.extract_features(buffer.flat["observations"])
         logs: list[dict[str, th.Tensor]] = []
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
