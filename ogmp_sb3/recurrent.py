@@ -5,6 +5,8 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 
 from __future__ import annotations
 
+import copy
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -53,6 +55,7 @@ class RecurrentPPO(StockRecurrentPPO):
 
     def __init__(self, *args: Any, chunk_length: int | None = None, **kwargs: Any) -> None:
         self.chunk_length = chunk_length
+        self.undone_updates = 0  # because a gradient was not finite
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
@@ -197,20 +200,29 @@ class RecurrentPPO(StockRecurrentPPO):
         with th.no_grad():
             features: Any = policy.extract_features(buffer.flat["observations"])
         logs: list[dict[str, th.Tensor]] = []
+        before = copy.deepcopy((policy.state_dict(), policy.optimizer.state_dict()))
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
         with _torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
-            for _ in range(self.n_epochs):
-                go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
-                self._n_updates += 1
-                if not go_on:
-                    break
-        self._log_update(logs, clip_range)
+            try:
+                for _ in range(self.n_epochs):
+                    go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
+                    self._n_updates += 1
+                    if not go_on:
+                        break
+            except FloatingPointError as error:
+                policy.load_state_dict(before[0])
+                policy.optimizer.load_state_dict(before[1])
+                self.undone_updates += 1
+                warnings.warn(f"Update at step {self.num_timesteps} undone: {error}", stacklevel=2)
+        self.logger.record("train/undone_updates", self.undone_updates)
+        if logs:
+            self._log_update(logs, clip_range)
 
     def _train_epoch(
         self, features: th.Tensor, clip_range: float, pool: Executor | None, logs: list[dict[str, th.Tensor]]
     ) -> bool:
-        """One pass over the rollout; False if the KL divergence stopped it.
+        """One pass over the rollout; False if the KL divergence stopped it. A gradient that is not finite raises.
 
         :param pool: where to update the critic meanwhile; None: here
         """
@@ -221,10 +233,13 @@ class RecurrentPPO(StockRecurrentPPO):
             critic = pool.submit(self._critic_gradients, batch, features) if pool else None
             log, kl = self._actor_gradients(batch, features, clip_range)
             value_loss = critic.result() if critic else self._critic_gradients(batch, features)
+            norm = th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+            if not th.isfinite(norm):
+                losses = f"value loss {value_loss:g}, KL divergence {kl:g}"
+                raise FloatingPointError(f"a gradient is not finite ({losses}).")
             logs.append({**log, "value_loss": value_loss})
             if self.target_kl is not None and kl > 1.5 * self.target_kl:
                 return False
-            th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
             policy.optimizer.step()
         return True
 

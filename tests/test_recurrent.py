@@ -210,6 +210,28 @@ def test_time_outs_are_bootstrapped_as_stock_does_one_by_one(env) -> None:
     np.testing.assert_allclose(rewards, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("field", ["advantages", "returns"])
+def test_an_update_with_a_gradient_that_is_not_finite_is_undone_and_training_goes_on(env, field: str) -> None:
+    model = rollout(env)
+    model.train()  # so that the optimiser has a state
+    weights = [p.clone() for p in model.policy.parameters()]
+    moments = [entry["exp_avg"].clone() for entry in model.policy.optimizer.state.values()]
+    _, callback = model._setup_learn(10**6, reset_num_timesteps=False)
+    model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
+    getattr(model.rollout_buffer, field)[-1, -1] = np.nan
+    with pytest.warns(UserWarning, match=r"Update at step \d+ undone: a gradient is not finite"):
+        model.train()
+    assert all(th.equal(a, b) for a, b in zip(weights, model.policy.parameters(), strict=True))
+    now = [entry["exp_avg"] for entry in model.policy.optimizer.state.values()]
+    assert all(th.equal(a, b) for a, b in zip(moments, now, strict=True))
+    assert model.undone_updates == 1
+
+    model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
+    model.train()
+    assert model.undone_updates == 1
+    assert not any(th.equal(a, b) for a, b in zip(weights[:1], model.policy.parameters(), strict=False))
+
+
 def test_saves_loads_and_predicts_like_stock(env, tmp_path) -> None:
     model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **SETTINGS)
     model.save(tmp_path / "model.zip")
