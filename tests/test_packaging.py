@@ -288,7 +288,7 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
     for folder, patterns in {
         "tasks": ("*.yaml",),
         "robots": ("*.xml", "*.yaml"),
-        "policies": ("*",),
+        "policies": ("*.json", "*.safetensors", "*.md"),
         "encoders": ("*.json", "*.safetensors"),
     }.items():
         files = (path for pattern in patterns for path in (ROOT / folder).rglob(pattern) if path.is_file())
