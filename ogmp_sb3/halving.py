@@ -65,10 +65,11 @@ def search(name: str, arguments: list[str], multirun: Callable[[list[str]], obje
     folder = Path(given.get("hydra.sweep.dir", f"runs/search/{name}"))
     mine = (config.key, "total_timesteps", "hydra.sweep.dir")
     rest = [argument for argument in arguments if argument.partition("=")[0] not in mine]
-    everything, spent = len(values) * total, 0
+    everything, spent, before = len(values) * total, 0, 0
     for left in reversed(range(config.rounds)):
         budget = total // 2**left
-        spent += len(values) * (budget - (total // 2 ** (left + 1) if left < config.rounds - 1 else 0))
+        spent += len(values) * (budget - before)
+        before = budget
         varied = f"{config.key}={','.join(values)}"
         multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
         ranked = _ranked(folder, config, values, budget)

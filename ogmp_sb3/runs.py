@@ -16,12 +16,13 @@ from omegaconf import OmegaConf
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.training import CONFIG
 
 FINISHED, RUNNING, STOPPED, FAILED, MISSING = "finished", "running", "stopped", "failed", "missing"
 QUIET = 600.0  # s: a run that has written nothing for so long is not running
 LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
-WRITTEN = (".hydra/*", "config.yaml", "progress.csv", "events.*", "checkpoints/*")  # by a training, unlike reports
-CONFIG, LOG, OVERRIDES, MULTIRUN = "config.yaml", "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
+LOG, OVERRIDES, MULTIRUN = "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
+WRITTEN = (".hydra/*", CONFIG, LOG, "events.*", "checkpoints/*")  # by a training, unlike reports
 
 
 @dataclass(frozen=True)

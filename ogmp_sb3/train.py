@@ -15,7 +15,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.halving import search
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
@@ -156,6 +155,8 @@ def main() -> None:
         if any(argument.startswith("resume=") for argument in arguments):
             _resume(arguments)
         elif searches:
+            from ogmp_sb3.halving import search  # brings evaluation and its plots, which a training does without
+
             rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith("+search=")]
             search(searches[-1], rest, _run)
         else:
