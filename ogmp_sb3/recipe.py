@@ -27,7 +27,9 @@ class PPOConfig:
     n_epochs: int
     """passes over a rollout"""
     learning_rate: float
-    """of Adam"""
+    """of Adam, at the start"""
+    learning_rate_half_life: float | None
+    """samples in which the learning rate halves, however long the run; null: it is constant"""
     gamma: float
     """discount factor"""
     gae_lambda: float
@@ -57,11 +59,22 @@ class PPOConfig:
             raise ValueError(f"'chunk_length' must be at least 1 or null, found {self.chunk_length}.")
         if self.learning_rate <= 0:
             raise ValueError(f"'learning_rate' must be above 0, found {self.learning_rate:g}.")
+        if self.learning_rate_half_life is not None and self.learning_rate_half_life <= 0:
+            raise ValueError(
+                f"'learning_rate_half_life' must be above 0 or null, found {self.learning_rate_half_life:g}."
+            )
+
+    def learning_rate_at(self, samples: int) -> float:
+        """The learning rate after so many samples."""
+        if self.learning_rate_half_life is None:
+            return self.learning_rate
+        return self.learning_rate * 0.5 ** (samples / self.learning_rate_half_life)
 
     def settings(self) -> dict[str, Any]:
         """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
         values = asdict(self)
-        del values["lstm_hidden_size"], values["n_lstm_layers"]
+        for name in ("learning_rate_half_life", "lstm_hidden_size", "n_lstm_layers"):
+            del values[name]
         return values
 
 

@@ -177,6 +177,8 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     model = RecurrentPPO(
         "MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **config.ppo.settings()
     )
+    # By samples, not by the share that is done: a run does not depend on how far it will go.
+    model.lr_schedule = lambda _: config.ppo.learning_rate_at(model.num_timesteps)
     info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))

@@ -100,7 +100,7 @@ DISTURBED = (
 
 @pytest.mark.parametrize("task", [["task=parkour"], ["task=dive"], ["task=parkour", DISTURBED]])
 def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: list[str], tmp_path: Path) -> None:
-    arguments = [*task, *SMALL, "seed=4", "checkpoint_interval=300"]
+    arguments = [*task, *SMALL, "seed=4", "checkpoint_interval=300", "ppo.learning_rate_half_life=500"]
     assert program("train", *arguments, "total_timesteps=1280", "hydra.run.dir=whole", cwd=tmp_path).returncode == 0
     assert program("train", *arguments, "total_timesteps=640", "hydra.run.dir=parts", cwd=tmp_path).returncode == 0
     again = program("train", "resume=parts", "total_timesteps=1280", cwd=tmp_path)
