@@ -30,8 +30,8 @@ class EncodeConfig:
 
     task: str = cli.option("a shipped task or the path of a YAML file")
     out: str | None = cli.option("directory to write; null: encoders/<task>, where it is found by name", None)
-    references: int = cli.option("references of each mode", 800)
-    updates: int = cli.option("minibatches of the training", 24_000)
+    references: int = cli.option("references of each mode", 2000)
+    updates: int = cli.option("minibatches of the training", 40_000)
     seed: int = cli.option("same seed, same encoder", 0)
 
     def __post_init__(self) -> None:
@@ -69,7 +69,8 @@ def _run(arguments: list[str]) -> None:
 
         model = fit(data, config.updates, config.seed, report)
     error = reconstruction_error(model, held_out)
-    save_encoder(model, out, {"task": task.name, "seed": config.seed, "updates": config.updates, **versions()})
+    settings = {"seed": config.seed, "references": config.references, "updates": config.updates}
+    save_encoder(model, out, {"task": task.name, **settings, **versions()})
 
     encoder = load_encoder(str(out))
     latents, tests = encoder(data.state, data.steps), encoder(held_out.state, held_out.steps)
