@@ -13,17 +13,20 @@ from rich.table import Table
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
 from ogmp_sb3.course import standing_deviation
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.definitions import RobotConfig, TaskConfig
 from ogmp_sb3.env import BatchEnv, make_oracle
 from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.plotting import plot_references
 from ogmp_sb3.randomisation import PushConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
+from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import POS, STATE_SIZE
+from ogmp_sb3.srb import POS, SRB, STATE_SIZE
 
 PROGRAM = "ogmp-check"
+DROP = 0.1  # m
+SAME = 0.01  # relative difference up to which a robot's file and model agree
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +95,33 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     if task.randomisation is not None:
         disturbances = vars(task.randomisation).items()
         table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
+    robot = task.robot_config
+    table.add_row("robot", f"{robot.name}: {rigid_body(robot, model_srb(robot, env.sim.model))}")
+    standing, dropped = stand(robot, task.physics_dt, (0.0, DROP))
+    table.add_row("nominal pose", f"held for 1 s: {stance(standing)}")
+    table.add_row(f"dropped {DROP:g} m", f"after 1 s: {stance(dropped)}")
     table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
-    standing = standing_still(task)
-    if standing:
-        table.add_row("standing still", standing)
+    verdict = standing_still(task)
+    if verdict:
+        table.add_row("standing still", verdict)
     console.print(table)
+
+
+def rigid_body(robot: RobotConfig, model: SRB) -> str:
+    """A robot's mass and inertia, and what ``srb`` in robot.yaml must be if it is not that of the model."""
+    said = robot.srb
+    if np.allclose((said.mass, *said.inertia), (model.mass, *model.inertia), rtol=SAME):
+        return f"{model.mass:.4g} kg, {len(robot.joints)} joints, srb as in the model"
+    inertia = ", ".join(f"{value:.6f}" for value in model.inertia)
+    return f"srb in {robot.path.name} should be {{mass: {model.mass:.6g}, inertia: [{inertia}]}}"
+
+
+def stance(found: Stand) -> str:
+    """What became of a robot on its servos alone."""
+    if found.unstable:
+        return "the simulation is unstable"
+    feet = "other bodies than feet touched the ground" if found.body_contact else "on its feet"
+    return f"base at {found.height:.2f} m, tilted {np.degrees(found.tilt):.0f}°, {feet}"
 
 
 def standing_still(task: TaskConfig) -> str | None:

@@ -34,7 +34,7 @@ LAYERS = (
     {"view"},
     {"observations", "rewards", "terminations", "metrics"},
     {"sim", "render"},
-    {"env"},
+    {"env", "robot_check"},
     {"adapters", "encoder"},
     {"policy", "sequences"},
     {"recurrent"},

@@ -1,0 +1,79 @@
+"""Robots that stand and robots that fall; rigid bodies against MuJoCo's joint-space inertia."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from ogmp_sb3.check import rigid_body, stance
+from ogmp_sb3.config import load_robot
+from ogmp_sb3.definitions import RobotConfig
+from ogmp_sb3.robot_check import Stand, model_srb, stand
+from ogmp_sb3.sim import build_model
+from ogmp_sb3.srb import SRB
+
+PUP = Path(__file__).parents[1] / "examples" / "ogmp_pup" / "ogmp_pup" / "robots" / "pup" / "robot.yaml"
+
+
+@pytest.fixture(scope="module")
+def pup() -> RobotConfig:
+    return load_robot(str(PUP))
+
+
+@pytest.mark.parametrize("name", ["hector", str(PUP)])
+def test_the_rigid_body_is_that_of_the_joint_space_inertia(name: str) -> None:
+    robot = load_robot(name)
+    model = build_model(robot, 0.002, 1)
+    data = mujoco.MjData(model)
+    for joint, angle in zip(robot.joints, robot.nominal_joints, strict=True):
+        data.joint(joint).qpos = angle
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    for column, unit in zip(full, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    offset = data.body(robot.base).subtree_com - data.body(robot.base).xpos
+    inertia = full[3:6, 3:6] - full[0, 0] * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    found = model_srb(robot, model)
+    assert found.mass == pytest.approx(full[0, 0])
+    np.testing.assert_allclose(found.inertia, np.diag(inertia), rtol=1e-9)
+
+
+def test_a_quadruped_stands_and_survives_a_drop(pup: RobotConfig) -> None:
+    standing, dropped = stand(pup, 0.002, (0.0, 0.1))
+    for found in (standing, dropped):
+        assert found.height == pytest.approx(pup.nominal_height, abs=0.02)
+        assert found.tilt < 0.02
+        assert not found.body_contact and not found.unstable
+    assert stance(standing) == "base at 0.25 m, tilted 0°, on its feet"
+
+
+def test_a_drop_from_high_up_is_felt_by_more_than_the_feet(pup: RobotConfig) -> None:
+    assert stand(pup, 0.002, (1.5,))[0].body_contact
+
+
+@pytest.mark.parametrize("physics_dt", [0.002, 0.003, 0.025])
+def test_a_robot_in_the_air_falls_freely(pup: RobotConfig, physics_dt: float) -> None:
+    (found,) = stand(pup, physics_dt, (2.0,), seconds=0.5)
+    assert found.height == pytest.approx(pup.nominal_height + 2.0 - 0.5 * 9.81 * 0.5 * (0.5 + physics_dt), abs=0.03)
+
+
+def test_a_biped_sags_and_falls() -> None:
+    (found,) = stand(load_robot("hector"), 0.002, (0.0,))
+    assert found.height < 0.3
+
+
+def test_what_the_file_must_say_can_be_copied(pup: RobotConfig) -> None:
+    model = model_srb(pup, build_model(pup, 0.002, 1))
+    assert rigid_body(pup, model) == "6.2 kg, 12 joints, srb as in the model"
+    light = replace(pup, srb=SRB(mass=5.0, inertia=pup.srb.inertia))
+    assert rigid_body(light, model) == (
+        "srb in robot.yaml should be {mass: 6.2, inertia: [0.056597, 0.129835, 0.134894]}"
+    )
+
+
+def test_an_unstable_simulation_is_said() -> None:
+    assert stance(Stand(height=0.5, tilt=0.0, body_contact=False, unstable=True)) == "the simulation is unstable"
