@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -46,19 +46,6 @@ from ogmp_sb3.registry import modes
 def {name}(v: float) -> Segment:
     return Segment(length=1.0, spans=(Span(end=1.0, velocity=(v, 0.0)),))
 """
-
-
-@pytest.fixture
-def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As if no plug-in had been looked for yet; afterwards all is as it was."""
-    modules, functions = set(sys.modules), [dict(kind._functions) for kind in registry.KINDS]
-    monkeypatch.setattr(registry, "_plugins", None)
-    yield
-    for kind, before in zip(registry.KINDS, functions, strict=True):
-        kind._functions = before
-    for name in set(sys.modules) - modules:
-        if name.startswith(("ogmp_pup", "plug_")):
-            del sys.modules[name]
 
 
 Install = Callable[..., Path]

@@ -1,0 +1,26 @@
+"""Fixtures of several test modules."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from ogmp_sb3 import registry
+
+
+@pytest.fixture
+def forget(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """As if no plug-in had been looked for yet; afterwards all is as it was."""
+    modules, functions = set(sys.modules), [dict(kind._functions) for kind in registry.KINDS]
+    monkeypatch.setattr(registry, "_plugins", None)
+    yield
+    for kind, before in zip(registry.KINDS, functions, strict=True):
+        kind._functions = before
+    installed = str(tmp_path_factory.getbasetemp())
+    for name in set(sys.modules) - modules:
+        module = sys.modules[name]
+        places = [getattr(module, "__file__", None), *getattr(module, "__path__", [])]
+        if any(str(place).startswith(installed) for place in places):
+            del sys.modules[name]
