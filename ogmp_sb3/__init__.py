@@ -10,6 +10,7 @@ import gymnasium
 from ogmp_sb3 import metrics, modes, observations, oracles, rewards, terminations  # noqa: F401
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
@@ -19,6 +20,8 @@ __version__ = "0.1.0"
 __all__ = ["OgmpEnv", "OgmpVecEnv", "RecurrentPPO", "TaskConfig", "load_task", "make_env"]
 
 _HEAVY = {"OgmpEnv": "adapters", "OgmpVecEnv": "adapters", "make_env": "adapters", "RecurrentPPO": "recurrent"}
+
+import_mujoco()
 
 for _name in ("Parkour", "Dive"):
     gymnasium.register(f"OGMP/{_name}-v0", entry_point="ogmp_sb3.adapters:OgmpEnv", kwargs={"task": _name.lower()})

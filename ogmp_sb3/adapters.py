@@ -14,8 +14,12 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.drawing import Pictures
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.observations import CLIP
+from ogmp_sb3.registry import did_you_mean
+
+RENDER_MODES = ("rgb_array",)
 
 
 def _spaces(env: BatchEnv) -> tuple[spaces.Box, spaces.Box]:
@@ -31,6 +35,15 @@ def _loaded(task: str | Path | TaskConfig, overrides: dict[str, Any]) -> TaskCon
     return task
 
 
+def _check_render_mode(render_mode: str | None) -> None:
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise ValueError(f"unknown render mode '{render_mode}'{did_you_mean(render_mode, [*RENDER_MODES, 'None'])}")
+
+
+def _metadata(task: TaskConfig) -> dict[str, Any]:
+    return {"render_modes": list(RENDER_MODES), "render_fps": round(1 / task.control_dt)}
+
+
 class OgmpVecEnv(VecEnv):
     """Many environments of a task as one SB3 ``VecEnv``; episodes reset themselves, time-outs are truncations.
 
@@ -43,12 +56,19 @@ class OgmpVecEnv(VecEnv):
     :param num_envs: number of environments
     :param seed: environment i is seeded with ``seed + i``
     :param threads: physics threads, 0 for one per CPU
+    :param render_mode: ``"rgb_array"``, to draw pictures, or None
+    :raises ValueError: for another render mode
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int = 64, seed: int = 0, threads: int = 0) -> None:
+    def __init__(
+        self, task: TaskConfig, num_envs: int = 64, seed: int = 0, threads: int = 0, render_mode: str | None = None
+    ) -> None:
+        _check_render_mode(render_mode)
         self.batch = BatchEnv(task, num_envs, seed, threads)
-        self.render_mode = None
+        self.render_mode = render_mode
         super().__init__(num_envs, *_spaces(self.batch))
+        self.metadata = _metadata(task)
+        self._pictures = Pictures(self.batch)
         self._actions = np.zeros((num_envs, self.batch.action_size))
         self._began = time.perf_counter()
         self._sums: dict[str, np.ndarray] = {}
@@ -61,6 +81,7 @@ class OgmpVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self._sums = {}
+        self._pictures.forget()
         observation = self.batch.reset()
         self._start_x = self._x().copy()
         return observation
@@ -89,6 +110,7 @@ class OgmpVecEnv(VecEnv):
                 sums[rows] = 0.0
             observation = observation.copy()
             observation[rows] = self.batch.reset(rows)
+            self._pictures.forget(rows)
             self._start_x[rows] = self._x()[rows]
         return observation, result.reward.astype(np.float32), dones, infos
 
@@ -124,9 +146,10 @@ class OgmpVecEnv(VecEnv):
         self.batch.set_state(arrays, plain)
         self._sums = {k.removeprefix("sum."): v.copy() for k, v in arrays.items() if k.startswith("sum.")}
         self._start_x = arrays["start_x"].copy()
+        self._pictures.forget()
 
     def close(self) -> None:
-        pass
+        self._pictures.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
@@ -141,7 +164,11 @@ class OgmpVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        return [None] * self.num_envs
+        """A picture of every environment, each of shape (height, width, 3), uint8; None without a render mode.
+
+        :raises ValueError: if there is no OpenGL
+        """
+        return [None if self.render_mode is None else self._pictures.draw(row) for row in range(self.num_envs)]
 
     def _get_indices(self, indices: int | Iterable[int] | None) -> Iterable[int]:
         if indices is None:
@@ -153,23 +180,24 @@ class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One environment of a task, for Gymnasium.
 
     :param task: a task, the name of a shipped one or of one in a plug-in, or the path of a YAML file
-    :param render_mode: must be None: this environment does not draw
+    :param render_mode: ``"rgb_array"``, to draw pictures, or None
     :param overrides: replace values of the task, e.g. ``rho=0.3`` or ``**{"modes.jump.h": 0.2}``
-    :raises TypeError: for another render mode
+    :raises ValueError: for another render mode
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
+    metadata = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012  (Gymnasium's own form)
 
     def __init__(
         self, task: TaskConfig | str | Path = "parkour", render_mode: str | None = None, **overrides: Any
     ) -> None:
-        if render_mode is not None:  # SB3's make_vec_env tries "rgb_array", and takes a TypeError for a no
-            raise TypeError(f"this environment does not draw: 'render_mode' must be None, found {render_mode!r}.")
+        _check_render_mode(render_mode)
+        self.render_mode = render_mode
         task = _loaded(task, overrides)
         self.batch = BatchEnv(task, num_envs=1, threads=1)
         self.observation_space, self.action_space = _spaces(self.batch)
         self._seeded = False
-        self.metadata = {"render_modes": [], "render_fps": round(1 / task.control_dt)}
+        self.metadata = _metadata(task)
+        self._pictures = Pictures(self.batch)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -178,6 +206,7 @@ class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if seed is not None or not self._seeded:
             self.batch.seed_row(0, int(self.np_random.integers(2**31)) if seed is None else seed)
             self._seeded = True
+        self._pictures.forget()
         return self.batch.reset()[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -191,13 +220,30 @@ class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             info,
         )
 
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """A picture of the robot, the oracle's plan and the ground that is laid, shape (height, width, 3), uint8.
 
-def make_env(task: str | Path | TaskConfig, num_envs: int = 1, seed: int = 0, **overrides: Any) -> OgmpVecEnv:
+        :return: None without a render mode
+        :raises ValueError: if there is no OpenGL
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() draws nothing: make the environment with render_mode='rgb_array'.")
+            return None
+        return self._pictures.draw(0)
+
+    def close(self) -> None:
+        self._pictures.close()
+
+
+def make_env(
+    task: str | Path | TaskConfig, num_envs: int = 1, seed: int = 0, render_mode: str | None = None, **overrides: Any
+) -> OgmpVecEnv:
     """Environments of a task for SB3, from its name or file.
 
     :param task: a shipped task, the path of a YAML file, or a loaded task
     :param num_envs: number of environments
     :param seed: environment i is seeded with ``seed + i``
+    :param render_mode: ``"rgb_array"``, to draw pictures, or None
     :param overrides: replace values of the task, e.g. ``rho=0.3, oracle="lqr"``
     """
-    return OgmpVecEnv(_loaded(task, overrides), num_envs, seed)
+    return OgmpVecEnv(_loaded(task, overrides), num_envs, seed, render_mode=render_mode)

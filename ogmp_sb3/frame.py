@@ -21,8 +21,8 @@ MARK_HALF_WIDTH = 3.0  # m: and no longer than this to each side
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
-    """One control step of one environment."""
+class Scene:
+    """What is drawn."""
 
     robot: np.ndarray
     """generalised position of the robot, shape (nq,); empty where only the oracle plays"""
@@ -30,12 +30,18 @@ class Frame:
     """that of a robot in its nominal pose at the reference, shape (nq,)"""
     base: np.ndarray
     """position of the robot's base, or of the reference's where only the oracle plays, shape (3,), m"""
-    reference: np.ndarray
-    """position of the reference's base, shape (3,), m"""
     trail: np.ndarray
     """positions of the base in the oracle's present plan, shape (knots + 1, 3), m"""
     terrain: np.ndarray
     """boxes laid so far, those far behind left out, shape (boxes, 5); see :mod:`ogmp_sb3.terrain`"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame(Scene):
+    """One control step of one environment."""
+
+    reference: np.ndarray
+    """position of the reference's base, shape (3,), m"""
     mode: str
     """the mode at the base, with its parameters"""
     time: float

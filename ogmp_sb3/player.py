@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.drawing import scene_of
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.frame import Frame, join_terrain
+from ogmp_sb3.frame import Frame
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.sampling import ModeCall, draw_parameters
 from ogmp_sb3.srb import OMEGA, POS, VEL
-from ogmp_sb3.terrain import X1
+from ogmp_sb3.view import EnvView
 
 ENDLESS = 10**9  # control steps
-SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight
 
 
 class OracleEnv(BatchEnv):
@@ -77,10 +77,7 @@ class Player:
             self.env.seed(seed)
         self._observation = self.env.reset()
         self._lstm_state: tuple[np.ndarray, ...] | None = None
-        self._nominal = self.env.sim.qpos[0].copy()
-        self._ground = np.zeros((0, 5))
-        view = self.env.view()
-        self.frame = self._frame(view.reference[0, POS], view.reference_quat[0], 0.0, float(view.deviation[0]), "")
+        self.frame = self._frame(self.env.view(), None, 0.0, "")
         return self.frame
 
     def step(self) -> Frame:
@@ -94,14 +91,8 @@ class Player:
                 self._observation, self._lstm_state, start, deterministic=True
             )
         result = self.env.step(action)
-        self._observation, view = result.observation, result.view
-        self.frame = self._frame(
-            view.reference[0, POS],
-            view.reference_quat[0],
-            float(result.reward[0]),
-            float(view.deviation[0]),
-            str(result.termination[0]),
-        )
+        self._observation = result.observation
+        self.frame = self._frame(result.view, self.frame, float(result.reward[0]), str(result.termination[0]))
         return self.frame
 
     def command(self, mode: str, **parameters: float | str) -> None:
@@ -121,24 +112,21 @@ class Player:
         v = self.env.sim.base_qvel
         self.env.sim.qvel[0, v : v + 2] += velocity
 
-    def _frame(self, reference: np.ndarray, quat: np.ndarray, reward: float, deviation: float, ended: str) -> Frame:
-        env, p, v = self.env, self.env.sim.base_qpos, self.env.sim.base_qvel
-        qpos, ghost = env.sim.qpos[0].copy(), self._nominal.copy()
-        ghost[p : p + 3], ghost[p + 3 : p + 7] = reference, quat
-        x = float(qpos[p])
-        self._ground = join_terrain([self._ground[self._ground[:, X1] > x - SEEN_BEHIND], env.terrain[0]])
+    def _frame(self, view: EnvView, before: Frame | None, reward: float, ended: str) -> Frame:
+        env, v = self.env, self.env.sim.base_qvel
+        scene = scene_of(env, 0, view, before)
         return Frame(
-            robot=np.zeros(0) if self.policy is None else qpos,
-            ghost=ghost,
-            base=qpos[p : p + 3],
-            reference=np.array(reference),
-            trail=env.plan(0)[:, POS],
-            terrain=self._ground,
-            mode=_described(env.course.mode_at(0, x)),
+            robot=np.zeros(0) if self.policy is None else scene.robot,
+            ghost=scene.ghost,
+            base=scene.base,
+            trail=scene.trail,
+            terrain=scene.terrain,
+            reference=view.reference[0, POS],
+            mode=_described(env.course.mode_at(0, float(scene.base[0]))),
             time=float(env.step_count[0]) * self.task.control_dt,
             speed=float(np.linalg.norm(env.sim.qvel[0, v : v + 2])),
             reward=reward,
-            deviation=deviation,
+            deviation=float(view.deviation[0]),
             ended=ended,
         )
 

@@ -11,6 +11,7 @@ from typing import Any
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
+from hydra.plugins.config_source import ConfigLoadError
 from omegaconf import DictConfig, OmegaConf
 
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
@@ -39,16 +40,14 @@ def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
 
 
 def _task_file(name: str) -> Path:
-    """Where Hydra found a task: a path given by the user, the user's directory, or ours."""
-    if name in _task_files:
-        return _task_files[name]
+    """Where Hydra found a task: the user's directory, or the file that was registered."""
     for source in HydraConfig.get().runtime.config_sources:
         path = Path(source.path) / "task" / f"{name}.yaml"
         if source.schema == "file" and path.is_file():
             return path
     try:
-        return task_path(name)
-    except KeyError:  # of a source that is no directory
+        return Path(ConfigStore.instance().load(f"task/{name}.yaml").provider)
+    except ConfigLoadError:  # of a source that is no directory
         return Path(f"{name}.yaml")
 
 
@@ -82,26 +81,24 @@ def _resume(arguments: list[str]) -> None:
     train(task, data["task"], config, run_dir, resume=True)
 
 
-_task_files: dict[str, Path] = {}  # tasks given by path, by the name they are registered under
-
-
 def _register_tasks(arguments: list[str]) -> list[str]:
     """Make tasks known to Hydra: shipped ones, those given by path, and those of plug-ins if one may be meant.
 
     :return: the arguments, with names for paths
     :raises KeyError: for a task that is nowhere
     """
-    _task_files.clear()
     rewritten, names = [], set()
+    by_path: set[str] = set()
     for argument in arguments:
         key, sign, value = argument.partition("=")
         if key == "task" and sign:
             given = [_register_path(name) for name in value.split(",")]
             argument = f"task={','.join(given)}"
             names.update(given)
+            by_path.update(set(given) - set(value.split(",")))
         rewritten.append(argument)
     known = {path.stem for path in TASKS_DIR.glob("*.yaml")}
-    own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")} | set(_task_files)
+    own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")} | by_path
     all_listed = not names or bool({"--help", "-h"} & set(arguments))
     if all_listed or not names <= known | own:
         known.update(task_names())
@@ -120,12 +117,13 @@ def _register_path(name: str) -> str:
         return name
     path = Path(name)
     _store(path.stem, path)
-    _task_files[path.stem] = path
     return path.stem
 
 
 def _store(name: str, path: Path) -> None:
-    ConfigStore.instance().store(group="task", name=name, node=OmegaConf.create(read_yaml(path)))
+    """Make a task known to Hydra, also in the processes that a launcher starts; its provider is the file."""
+    node = OmegaConf.create(read_yaml(path))
+    ConfigStore.instance().store(group="task", name=name, node=node, provider=str(path))
 
 
 def _config_dirs(arguments: list[str]) -> list[Path]:

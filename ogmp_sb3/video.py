@@ -4,29 +4,37 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import subprocess
-import sys
-import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.drawing import CAMERA_TARGET, Painter
 from ogmp_sb3.frame import Frame, join_terrain
 from ogmp_sb3.logs import progress_bar
-from ogmp_sb3.render import FORMATS, STRIP_TILES
-from ogmp_sb3.sim import build_model
-from ogmp_sb3.terrain import NOTHING, TOP
 
-GL_LIBRARIES = ("egl", "osmesa", "glfw")  # in the order they are tried; glfw needs a screen
-GL_PROBE = """
-import mujoco
-context = mujoco.GLContext(16, 16)
-context.make_current()
-mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_100.value)
-"""
+CAMERA_LAG = 0.9  # share of the way that the camera leaves for later in 0.03 s, so that hops do not shake it
+STRIP_TILES, STRIP_COLUMNS = 12, 4
+TEXT_SIZE = 0.04  # of the picture's height
+GIF_COLOURS = 128
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file."""
+
+    width: int
+    """of one picture, pixels"""
+    height: int
+    """of one picture, pixels"""
+    stride: int
+    """control steps from picture to picture; 0: as few pictures as fill a strip"""
+
+
+FORMATS = {".mp4": Format(960, 544, 1), ".gif": Format(400, 240, 2), ".png": Format(480, 320, 0)}
 
 
 def check_suffix(path: Path) -> None:
@@ -35,29 +43,8 @@ def check_suffix(path: Path) -> None:
         raise ValueError(f"'video' must end in {', '.join(FORMATS)}; found '{path}'.")
 
 
-def gl_library() -> str:
-    """The OpenGL library that works here: that of ``MUJOCO_GL`` if set, else the first of EGL, OSMesa and GLFW.
-
-    :raises ValueError: if none does
-    """
-    wanted = os.environ.get("MUJOCO_GL")
-    for name in (wanted,) if wanted else GL_LIBRARIES:
-        environment = {**os.environ, "MUJOCO_GL": name}
-        probe = [sys.executable, "-c", GL_PROBE]
-        if subprocess.run(probe, env=environment, capture_output=True, check=False).returncode == 0:
-            return name
-    tried = f"with MUJOCO_GL={wanted}" if wanted else f"by {', '.join(GL_LIBRARIES)}"
-    raise ValueError(
-        f"no OpenGL found {tried}: install a software one (Debian: apt install libosmesa6, then MUJOCO_GL=osmesa) or "
-        "a GPU driver (MUJOCO_GL=egl)."
-    )
-
-
 def write_video(frames: list[Frame], task: TaskConfig, path: Path) -> None:
-    """Draw frames and write them to a file, in a process of its own.
-
-    MuJoCo chooses its OpenGL library when it is imported, and a software one does not go well with a PyTorch built
-    for CUDA (each brings an LLVM); :mod:`ogmp_sb3.render` imports no PyTorch.
+    """Draw frames and write them to a file.
 
     :param frames: one for each control step
     :param task: their task
@@ -65,38 +52,35 @@ def write_video(frames: list[Frame], task: TaskConfig, path: Path) -> None:
     :raises ValueError: for another ending, or if there is no OpenGL
     """
     check_suffix(path)
-    library = gl_library()
-    stride = FORMATS[path.suffix].stride or math.ceil(len(frames) / STRIP_TILES)
+    kind = FORMATS[path.suffix]
+    stride = kind.stride or math.ceil(len(frames) / STRIP_TILES)
     terrain, frames = whole_terrain(frames)[::stride], frames[::stride]
+    period = stride * task.control_dt
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        model = build_model(task.robot_config, task.physics_dt, terrain.shape[1], visual=True)
-        mujoco.mj_saveModel(model, str(folder / "model.mjb"))
-        np.savez(
-            folder / "frames.npz",
-            robot=[f.robot for f in frames],
-            ghost=[f.ghost for f in frames],
-            base=[f.base for f in frames],
-            begins=begins(frames),
-            trail=np.concatenate([f.trail for f in frames]),
-            trail_end=np.cumsum([len(f.trail) for f in frames]),
-            terrain=terrain,
-            first_box=model.geom("terrain_0").id,
-            text=[f"{f.mode}      {f.time:.2f} s      {f.speed:.2f} m/s" for f in frames],
-            period=stride * task.control_dt,
-        )
-        command = [sys.executable, "-m", "ogmp_sb3.render", str(folder), str(path.resolve())]
-        environment = {**os.environ, "MUJOCO_GL": library}
-        with (
-            subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as drawing,
-            progress_bar(len(frames), "picture") as bar,
-        ):
-            assert drawing.stdout is not None
-            for _ in drawing.stdout:
+    with Painter(task, kind.width, kind.height) as painter, progress_bar(len(frames), "picture") as bar:
+
+        def pictures() -> Iterator[np.ndarray]:
+            for frame, ground, lookat in zip(frames, terrain, camera_path(frames, period), strict=True):
+                picture = painter.draw(replace(frame, terrain=ground), lookat)
+                yield _with_text(picture, f"{frame.mode}      {frame.time:.2f} s      {frame.speed:.2f} m/s")
                 bar.update()
-    if drawing.returncode:
-        raise ValueError(f"drawing with MUJOCO_GL={library} failed (exit code {drawing.returncode}).")
+
+        write(pictures(), path, kind, period)
+
+
+def camera_path(frames: list[Frame], period: float) -> Iterator[np.ndarray]:
+    """The point in the middle of each picture: with the robot along the track, smoothly behind it otherwise.
+
+    :param frames: those that are drawn
+    :param period: from one to the next, s
+    """
+    lag = CAMERA_LAG ** (period / 0.03)
+    lookat = np.zeros(3)
+    for frame, new in zip(frames, begins(frames), strict=True):
+        target = frame.base + CAMERA_TARGET
+        lookat = target if new else lag * lookat + (1.0 - lag) * target
+        lookat[0] = target[0]
+        yield lookat
 
 
 def begins(frames: list[Frame]) -> np.ndarray:
@@ -105,16 +89,52 @@ def begins(frames: list[Frame]) -> np.ndarray:
     return np.concatenate([[True], time[1:] <= time[:-1]])
 
 
-def whole_terrain(frames: list[Frame]) -> np.ndarray:
-    """For each frame all the ground of its episode, so that none appears while one looks.
-
-    :return: shape (frames, boxes, 5)
-    """
+def whole_terrain(frames: list[Frame]) -> list[np.ndarray]:
+    """For each frame all the ground of its episode, shape (boxes, 5), so that none appears while one looks."""
     starts = [*np.flatnonzero(begins(frames)), len(frames)]
-    episodes = [slice(a, b) for a, b in itertools.pairwise(starts)]
-    grounds = [join_terrain(f.terrain for f in frames[episode]) for episode in episodes]
-    terrain = np.zeros((len(frames), max(len(ground) for ground in grounds), 5))
-    terrain[..., TOP] = NOTHING
-    for episode, ground in zip(episodes, grounds, strict=True):
-        terrain[episode, : len(ground)] = ground
+    terrain = []
+    for first, end in itertools.pairwise(starts):
+        terrain += [join_terrain(frame.terrain for frame in frames[first:end])] * (end - first)
     return terrain
+
+
+def write(pictures: Iterator[np.ndarray], path: Path, kind: Format, period: float) -> None:
+    """Write pictures to a file of a kind that its ending says.
+
+    :param pictures: each of shape (height, width, 3), uint8
+    :param period: from picture to picture, s
+    """
+    from PIL import Image
+
+    if path.suffix == ".mp4":
+        import imageio_ffmpeg
+
+        writer = imageio_ffmpeg.write_frames(str(path), (kind.width, kind.height), fps=1.0 / period, quality=7)
+        writer.send(None)
+        for picture in pictures:
+            writer.send(np.ascontiguousarray(picture))
+        writer.close()
+        return
+    images = [Image.fromarray(picture) for picture in pictures]
+    if path.suffix == ".gif":
+        # One palette for all, or colours flicker; one that covers rare colours, or the robot's accents go.
+        some = [np.asarray(image) for image in images[:: math.ceil(len(images) / 8)]]
+        palette = Image.fromarray(np.vstack(some)).quantize(GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
+        images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+        images[0].save(path, save_all=True, append_images=images[1:], duration=round(1000 * period), loop=0)
+        return
+    columns = min(STRIP_COLUMNS, len(images))
+    strip = Image.new("RGB", (columns * kind.width, -(-len(images) // columns) * kind.height))
+    for i, image in enumerate(images):
+        strip.paste(image, (i % columns * kind.width, i // columns * kind.height))
+    strip.save(path)
+
+
+def _with_text(picture: np.ndarray, text: str) -> np.ndarray:
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(picture)
+    size = max(10, round(TEXT_SIZE * image.height))
+    font: Any = ImageFont.load_default(size)
+    ImageDraw.Draw(image).text((size, size), text, fill=(20, 24, 32), font=font)
+    return np.asarray(image)

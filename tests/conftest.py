@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from ogmp_sb3 import registry
+from ogmp_sb3.opengl import gl_library
 
 
 @pytest.fixture
@@ -24,3 +25,12 @@ def forget(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFac
         places = [getattr(module, "__file__", None), *getattr(module, "__path__", [])]
         if any(str(place).startswith(installed) for place in places):
             del sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def opengl() -> None:
+    """Skips a test that draws, with the reason, where there is no OpenGL."""
+    try:
+        gl_library()
+    except ValueError as error:
+        pytest.skip(str(error))

@@ -33,10 +33,23 @@ def overrides(name: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_gymnasium_s_own_check_passes_without_a_warning(name: str) -> None:
-    env = gymnasium.make(f"OGMP/{name.title()}-v0").unwrapped if name != "stairs" else OgmpEnv(name)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        gymnasium.utils.env_checker.check_env(env, skip_render_check=name == "stairs")
+        gymnasium.utils.env_checker.check_env(OgmpEnv(name), skip_render_check=True)
+
+
+def test_gymnasium_s_own_check_of_rendering_passes_without_a_warning(opengl) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gymnasium.utils.env_checker.check_env(gymnasium.make("OGMP/Dive-v0").unwrapped)
+
+
+def test_stable_baselines3_s_own_check_of_rendering_passes_without_a_warning(opengl) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = OgmpEnv("dive", render_mode="rgb_array")
+        stable_baselines3.common.env_checker.check_env(env, skip_render_check=False)
+        env.close()
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -20,7 +20,7 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"plugins", "rotations"},
+    {"plugins", "rotations", "opengl"},
     {"registry"},
     {"schema", "srb"},
     {"ranges"},
@@ -35,6 +35,7 @@ LAYERS = (
     {"observations", "rewards", "terminations", "metrics"},
     {"sim", "render"},
     {"env", "robot_check"},
+    {"drawing"},
     {"adapters", "encoder"},
     {"policy", "sequences"},
     {"recurrent"},

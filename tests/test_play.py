@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from test_train import SMALL, program
 
-from ogmp_sb3 import video
 from ogmp_sb3.play import PlayConfig, load
 from ogmp_sb3.player import Player
 
@@ -39,12 +38,8 @@ def test_a_task_without_a_policy_takes_the_same_keys() -> None:
     assert (task.track.width, len(task.sampling.sequence)) == (3.0, 4)
 
 
-def test_a_policy_plays_into_a_file(run: Path, tmp_path: Path) -> None:
+def test_a_policy_plays_into_a_file(opengl, run: Path, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image", reason="drawing needs the extra 'viewer'")
-    try:
-        video.gl_library()
-    except ValueError as error:
-        pytest.skip(str(error))
     done = program("play", f"run={run}", "video=out/a.gif", "seconds=0.24", "seed=3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "out/a.gif"

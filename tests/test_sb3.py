@@ -21,7 +21,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CheckpointCallback, EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize, VecVideoRecorder
+from stable_baselines3.common.vec_env.base_vec_env import tile_images
 
 import ogmp_sb3
 from ogmp_sb3 import OgmpEnv, RecurrentPPO, zoo
@@ -42,9 +43,7 @@ def ours(num_envs: int, seed: int) -> VecEnv:
 
 
 def theirs(num_envs: int, seed: int) -> VecEnv:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*render_mode='rgb_array'")  # make_vec_env tries it first
-        return make_vec_env(PARKOUR, num_envs, seed, env_kwargs={"rho": 0.1})
+    return make_vec_env(PARKOUR, num_envs, seed, env_kwargs={"rho": 0.1})
 
 
 @pytest.mark.parametrize("make", [ours, theirs])
@@ -110,9 +109,65 @@ def test_our_recurrent_ppo_is_saved_loaded_and_trained_on(tmp_path: Path) -> Non
     assert again.num_timesteps == 256 + 128
 
 
-def test_a_render_mode_is_refused_in_a_sentence() -> None:
-    with pytest.raises(TypeError, match="does not draw: 'render_mode' must be None, found 'human'"):
-        OgmpEnv("parkour", render_mode="human")
+def moves(step: Callable[[np.ndarray], Any], steps: int, shape: tuple[int, ...]) -> None:
+    for _ in range(steps):
+        step(np.zeros(shape, np.float32))
+
+
+def differs(first: np.ndarray, second: np.ndarray) -> float:
+    """Share of the pixels that are clearly different."""
+    return float((np.abs(first.astype(int) - second).max(axis=-1) > 40).mean())
+
+
+def test_a_gymnasium_environment_gives_pictures_of_what_it_does(opengl) -> None:
+    with gymnasium.make(PARKOUR, render_mode="rgb_array", rho=None) as env:
+        assert env.metadata == {"render_modes": ["rgb_array"], "render_fps": 33}
+        env.reset(seed=0)
+        first, again = env.render(), env.render()
+        moves(env.step, 8, (10,))
+        later = env.render()
+        env.reset(seed=0)
+        anew = env.render()
+    assert (first.dtype, first.shape) == (np.uint8, (320, 480, 3))
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first, anew)
+    assert 0.003 < differs(first, later) < 0.6
+
+
+def test_our_vecenv_gives_a_picture_of_each_environment_and_sb3_tiles_them(opengl) -> None:
+    env = VecMonitor(ogmp_sb3.make_env("parkour", 3, render_mode="rgb_array", curriculum=None))
+    env.reset()
+    images, tiled = env.get_images(), env.render()
+    assert [image.shape for image in images] == [(320, 480, 3)] * 3
+    np.testing.assert_array_equal(tiled, tile_images(images))
+    env.close()
+
+
+def test_sb3_records_a_video(opengl, tmp_path: Path) -> None:
+    pytest.importorskip("moviepy", reason="VecVideoRecorder needs moviepy")
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="reading the video needs the extra 'viewer'")
+    vec = ogmp_sb3.make_env("parkour", 1, render_mode="rgb_array", rho=None)
+    env = VecVideoRecorder(VecMonitor(vec), str(tmp_path), lambda step: step == 0, video_length=5)
+    env.reset()
+    moves(env.step, 6, (1, 10))
+    env.close()
+    (video,) = tmp_path.glob("*.mp4")
+    reader = ffmpeg.read_frames(str(video))
+    meta = next(reader)
+    assert (meta["size"], meta["fps"]) == ((480, 320), 33.0)
+    assert len(list(reader)) == 6
+
+
+def test_without_a_render_mode_nothing_is_drawn() -> None:
+    assert ogmp_sb3.make_env("dive", 2).get_images() == [None, None]
+    with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+        assert OgmpEnv("dive").render() is None
+
+
+@pytest.mark.parametrize("make", [OgmpEnv, ogmp_sb3.make_env])
+def test_an_unknown_render_mode_is_a_sentence(make: Callable[..., Any]) -> None:
+    with pytest.raises(ValueError, match=r"unknown render mode 'rgb_aray' .*Did you mean 'rgb_array'"):
+        make("parkour", render_mode="rgb_aray")
 
 
 # ---- the RL Zoo ----
