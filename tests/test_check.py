@@ -14,13 +14,13 @@ from ogmp_sb3.config import load_task
         (0.5, "leaves the bound"),
         (0.54, "stays inside the bound in the slowest modes"),
         (0.8, "stays inside the bound in the slowest modes"),
-        (1.08, "stays inside the bound"),
+        (1.62, "stays inside the bound"),
         (None, "stays inside the bound"),
     ],
 )
 def test_standing_still_is_judged_by_the_slowest_and_the_fastest_mode(rho: float | None, verdict: str) -> None:
     sentence = standing_still(load_task("parkour", {"rho": rho}))
-    assert sentence == f"v * horizon * control_dt = 0.54 to 1.08 m, {verdict}"
+    assert sentence == f"v * horizon * control_dt = 0.54 to 1.62 m, {verdict}"
 
 
 def test_standing_still_is_not_judged_where_x_is_free() -> None:

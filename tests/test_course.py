@@ -14,7 +14,7 @@ STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": Non
 
 def test_a_robot_that_stands_still_deviates_by_speed_times_horizon() -> None:
     assert standing_deviation(load_task("parkour", STEADY)) == pytest.approx((0.72, 0.72))
-    assert standing_deviation(load_task("parkour")) == pytest.approx((0.54, 1.08))  # pace from 0.6 to 1.2 m/s
+    assert standing_deviation(load_task("parkour")) == pytest.approx((0.54, 1.62))  # pace from 0.6 to 1.8 m/s
     assert standing_deviation(load_task("parkour", {**STEADY, "bound.x": 0.5})) == pytest.approx((0.36, 0.36))
 
 

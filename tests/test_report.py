@@ -78,7 +78,7 @@ def test_the_page_needs_nothing_else_and_every_picture_can_be_seen(run_page: Pat
 
 def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
     html = (run_page / "report.html").read_text(encoding="utf-8")
-    for text in ("rho=0.3", "preview", "30 control steps", "0.54 to 1.08 m", "mujoco", "512", "run.mp4"):
+    for text in ("rho=0.3", "preview", "30 control steps", "0.54 to 1.62 m", "mujoco", "512", "run.mp4"):
         assert text in html
     titles = re.findall(r"<h2>(.*?)</h2>", html)
     assert titles == ["Run", "Training", "Evaluation", "Motion", "Mode parameters", "Mode latent", "Video"]

@@ -116,12 +116,12 @@ def test_corners_are_every_combination_of_extreme_parameters():
 
 
 def test_a_place_in_a_sequence_can_have_parameters_of_its_own():
-    sequence = [{"pace": {"v": 1.5, "length": 2.0}}, "jump", {"jump": {"h": [0.01, 0.02]}}]
+    sequence = [{"pace": {"v": 2.5, "length": 2.0}}, "jump", {"jump": {"h": [0.01, 0.02]}}]
     overrides = {"curriculum": None, "sampling": {"order": "sequence", "sequence": sequence, "repeat": "last"}}
     task = load_task("parkour", overrides)
     for seed in range(20):
         pace, jump, low, again = draw(task, seed=seed, draws=4)
-        assert (pace.name, pace.parameters) == ("pace", {"v": 1.5, "length": 2.0})
+        assert (pace.name, pace.parameters) == ("pace", {"v": 2.5, "length": 2.0})
         assert 0.2 <= jump.parameters["h"] <= 0.35
         assert all(0.01 <= call.parameters["h"] <= 0.02 and 0.3 <= call.parameters["w"] <= 0.5 for call in (low, again))
-    assert max(span.velocity[0] for s in corner_segments(task) for span in s.spans) == 1.5
+    assert max(span.velocity[0] for s in corner_segments(task) for span in s.spans) == 2.5

@@ -28,7 +28,8 @@ from pathlib import Path
 import pytest
 from programs import SMALL, Result, program
 
-from ogmp_sb3 import registry, video
+from ogmp_sb3 import registry
+from ogmp_sb3.opengl import gl_library
 
 ROOT = Path(__file__).parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
@@ -91,7 +92,7 @@ def install(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monkey
 def draws() -> bool:
     """Whether there is an OpenGL library."""
     try:
-        video.gl_library()
+        gl_library()
     except ValueError:
         return False
     return True
