@@ -46,7 +46,7 @@ def _task_file(name: str) -> Path:
         if source.schema == "file" and path.is_file():
             return path
     try:
-        return Path(ConfigStore.instance().load(f"task/{name}.yaml").provider)
+        return Path(str(ConfigStore.instance().load(f"task/{name}.yaml").provider))
     except ConfigLoadError:  # of a source that is no directory
         return Path(f"{name}.yaml")
 
