@@ -50,7 +50,8 @@ class OgmpVecEnv(VecEnv):
     ``infos[i]`` holds ``deviation`` (the weighted norm that the bound is about) and ``termination`` (the rule that
     ended the episode, empty while it runs); at the end of an episode also ``terminal_observation``,
     ``TimeLimit.truncated`` and ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
-    ``level``, mean ``deviation`` and the mean per step of each reward term.
+    ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
+    before an earlier fall is called ``restart`` instead.
 
     :param task: the task
     :param num_envs: number of environments
@@ -105,7 +106,8 @@ class OgmpVecEnv(VecEnv):
             for row in rows:
                 infos[row]["terminal_observation"] = observation[row].copy()
                 infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
-                infos[row]["episode"] = self._summary(int(row), float(x[row]))
+                kind = "restart" if self.batch.restarted[row] else "episode"
+                infos[row][kind] = self._summary(int(row), float(x[row]))
             for sums in self._sums.values():
                 sums[rows] = 0.0
             observation = observation.copy()

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
-from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.sampling import ModeCall, ModeSampler, PlainModes, corner_segments, mode_calls, plain_modes
 from ogmp_sb3.terrain import Plateau, empty_terrain, place
 
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
@@ -97,26 +95,26 @@ class Course:
                 return call
         return self.modes[row][0]
 
-    def state(self) -> tuple[dict[str, np.ndarray], list[Any]]:
+    def state(self) -> tuple[dict[str, np.ndarray], list[PlainModes]]:
         """Everything laid so far: arrays, and the modes as plain data. Commands are not part of it."""
-        arrays = {f"course.{name}": getattr(self, name).copy() for name in self._arrays()}
-        return arrays, [[[call.name, call.parameters] for call in calls] for calls in self.modes]
+        arrays = {f"course.{name}": values.copy() for name, values in self.arrays().items()}
+        return arrays, [plain_modes(calls) for calls in self.modes]
 
-    def set_state(self, arrays: dict[str, np.ndarray], modes: list[Any]) -> None:
+    def set_state(self, arrays: dict[str, np.ndarray], modes: list[PlainModes]) -> None:
         """Go on where :meth:`state` was taken.
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        for name in self._arrays():
+        for name, values in self.arrays().items():
             saved = arrays.get(f"course.{name}")
-            if saved is None or saved.shape != getattr(self, name).shape:
+            if saved is None or saved.shape != values.shape:
                 raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
-            getattr(self, name)[...] = saved
-        self.modes = [[ModeCall(name, parameters) for name, parameters in calls] for calls in modes]
+            values[...] = saved
+        self.modes = [mode_calls(calls) for calls in modes]
 
-    @staticmethod
-    def _arrays() -> tuple[str, ...]:
-        return ("terrain", "spans", "_span_count", "_laid", "_mode_count")
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything laid so far but the modes, one row each; what is written into them is laid."""
+        return {name: getattr(self, name) for name in ("terrain", "spans", "_span_count", "_laid", "_mode_count")}
 
     def _next_mode(self, row: int, rng: np.random.Generator, level: float) -> ModeCall:
         """The next mode: as commanded, else of the variant; behind the end of the track, flat ground."""

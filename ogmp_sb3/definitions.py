@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from ogmp_sb3.randomisation import RandomisationConfig
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.restarts import RestartConfig
 from ogmp_sb3.schema import Where, describe, read
 from ogmp_sb3.srb import SRB, STATE_NAMES
 
@@ -194,8 +195,8 @@ class ActionConfig:
 
     scale: float = 2.0
     """rad"""
-    noise: float = 0.165
-    """initial standard deviation of the exploration noise, rad"""
+    noise: float = 0.13
+    """standard deviation of the exploration noise, at the start if it is learned, rad"""
 
     def __post_init__(self) -> None:
         _positive("scale", self.scale)
@@ -248,6 +249,8 @@ class TaskConfig:
     """how modes follow each other"""
     curriculum: CurriculumConfig | None = None
     """schedule on the modes and their ranges, null = off"""
+    restarts: RestartConfig | None = None
+    """training episodes that begin shortly before earlier falls, null = none"""
     track: TrackConfig = TrackConfig()
     """the ground"""
     gait: GaitConfig = GaitConfig()
@@ -328,12 +331,13 @@ class TaskConfig:
         return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
 
     def for_evaluation(self) -> TaskConfig:
-        """This task under its test protocol: no bound, no reward floor, no curriculum, its own randomisation."""
+        """This task under its test protocol: no bound, reward floor, curriculum or restarts, its own randomisation."""
         return replace(
             self,
             rho=None,
             min_step_reward=None,
             curriculum=None,
+            restarts=None,
             randomisation=self.evaluation.randomisation,
             terminations=self.evaluation.terminations,
             episode_steps=self.evaluation.episode_steps,

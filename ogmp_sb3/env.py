@@ -17,14 +17,16 @@ from ogmp_sb3.oracles import Oracle, Plant
 from ogmp_sb3.randomisation import Disturbances
 from ogmp_sb3.reference import Reference, SetPoints, set_points
 from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.restarts import Restarts
 from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.sampling import ModeCall, draw_parameters
+from ogmp_sb3.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE, VEL
 from ogmp_sb3.terrain import height_at
 from ogmp_sb3.view import EnvView, deviation, srb_state
 
-STATE_ARRAYS = ("_reference", "_reference_quat", "_latent", "_period", "_phase", "step_count", "level", "_ended")
+PLAN_ARRAYS = ("_reference", "_reference_quat", "_latent", "_period", "_phase")
+STATE_ARRAYS = (*PLAN_ARRAYS, "step_count", "level", "_ended", "restarted")
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
@@ -99,6 +101,8 @@ class BatchEnv:
         self.level = np.full(num_envs, self._first_level)
         self._rng = [np.random.default_rng() for _ in range(num_envs)]
         self._ended = np.zeros(num_envs, dtype=bool)
+        self.restarted = np.zeros(num_envs, dtype=bool)  # the episode began before an earlier fall
+        self.restarts = Restarts(task.restarts, num_envs, self._moments(np.arange(1)).shape[1])
         self.seed(seed)
         self.reset()
         self.observation_scale = self._signals(self.view(), None)[1]
@@ -135,6 +139,7 @@ class BatchEnv:
         """Give one row a generator of its own, and start its curriculum anew."""
         self._rng[row] = np.random.default_rng(seed)
         self.disturbances.seed_row(row, self._rng[row])
+        self.restarts.seed_row(row, self._rng[row])
         self._ended[row] = False
         self.level[row] = self._first_level
 
@@ -163,8 +168,20 @@ class BatchEnv:
         """
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
         self._update_levels(rows)
-        self._phase[rows] = 0
         self.step_count[rows] = 0
+        begun_from = {int(row): moment for row in rows if (moment := self.restarts.take(row))}
+        self._begin(np.array([row for row in rows if row not in begun_from], dtype=int))
+        if begun_from:
+            self._go_back(begun_from)
+        self.restarted[rows] = [row in begun_from for row in rows]
+        self._ended[rows] = False
+        return self._observe(self.view(rows), rows)
+
+    def _begin(self, rows: np.ndarray) -> None:
+        """Put robots down at the start of new variants of the task."""
+        if not len(rows):
+            return
+        self._phase[rows] = 0
         base = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
             ground = self.course.begin(row, self._rng[row], float(self.level[row]))
@@ -173,8 +190,30 @@ class BatchEnv:
         self.sim.set_terrain(rows, self.terrain[rows])
         self.sim.place(rows, base, self._nominal)
         self._query(rows)
-        self._ended[rows] = False
-        return self._observe(self.view(rows), rows)
+
+    def _go_back(self, moments: dict[int, tuple[np.ndarray, PlainModes]]) -> None:
+        """Put environments back to moments that were remembered."""
+        rows = np.array(list(moments))
+        self.sim.vary(rows, **self.disturbances.begin(rows))
+        self.sim.place(rows, np.zeros((len(rows), 3)), self._nominal)
+        used = 0
+        vectors = np.stack([vector for vector, _ in moments.values()])
+        for array in self._moment_arrays():
+            size = int(np.prod(array.shape[1:]))
+            array[rows] = vectors[:, used : used + size].reshape(-1, *array.shape[1:])
+            used += size
+        for row, (_, modes) in moments.items():
+            self.course.modes[row] = mode_calls(modes)
+        self.sim.set_terrain(rows, self.terrain[rows])
+
+    def _moment_arrays(self) -> list[np.ndarray]:
+        """What an environment is put back to."""
+        plans = [getattr(self, name) for name in PLAN_ARRAYS]
+        return [*plans, *self.course.arrays().values(), self.sim.batch.state]
+
+    def _moments(self, rows: np.ndarray) -> np.ndarray:
+        """The present moments of some environments as vectors, shape (n, size)."""
+        return np.concatenate([array[rows].reshape(len(rows), -1) for array in self._moment_arrays()], axis=1)
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -201,6 +240,7 @@ class BatchEnv:
             reward_terms = {name: np.where(exploded, 0.0, value) for name, value in reward_terms.items()}
             view = replace(view, deviation=np.where(exploded, 0.0, view.deviation))
 
+        self._remember(terminated & ~exploded)
         alive = np.flatnonzero(~terminated)
         self._lay_ahead(alive)
         due = alive[self._phase[alive] >= self._period[alive]]
@@ -229,8 +269,10 @@ class BatchEnv:
         arrays, modes = self.course.state()
         arrays |= {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
         plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
-        drawn, draws = self.disturbances.state()
-        return arrays | drawn, plain | draws
+        for part in (self.disturbances, self.restarts):
+            own_arrays, own_plain = part.state()
+            arrays, plain = arrays | own_arrays, plain | own_plain
+        return arrays, plain
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
         """Go on exactly where :meth:`state` was taken, in an environment of the same task and size.
@@ -243,6 +285,7 @@ class BatchEnv:
             getattr(self, name)[...] = arrays[name]
         self.course.set_state(arrays, plain["modes"])
         self.disturbances.set_state(arrays, plain)
+        self.restarts.set_state(arrays, plain)
         every = np.arange(self.num_envs)
         self.sim.vary(every, **self.disturbances.robots(every))
         self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
@@ -305,7 +348,10 @@ class BatchEnv:
         rules += [(name, term(view)) for name, term in self._terminations.items()]
         if task.min_step_reward is not None:
             rules.append((LOW_REWARD, reward < task.min_step_reward))
-        rules.append((TIME_LIMIT, self.step_count >= task.episode_steps))
+        limit = task.episode_steps
+        if task.restarts is not None:
+            limit = np.where(self.restarted, task.restarts.episode_steps, limit)
+        rules.append((TIME_LIMIT, self.step_count >= limit))
         which = np.full(self.num_envs, len(rules))
         for i, (_, mask) in reversed(list(enumerate(rules))):
             which[mask] = i
@@ -326,13 +372,23 @@ class BatchEnv:
         observation[~np.isfinite(observation)] = 0.0  # of a simulation that exploded
         return observation
 
+    def _remember(self, fallen: np.ndarray) -> None:
+        """Keep the moments that are due, and those before a fall."""
+        for row in np.flatnonzero(fallen & ~self.restarted) if self.task.restarts else ():
+            self.restarts.fallen(row, int(self.step_count[row]), plain_modes(self.modes[row]))
+        rows = self.restarts.due(self.step_count)
+        if len(rows):
+            laid = np.array([len(self.modes[row]) for row in rows])
+            self.restarts.remember(rows, self.step_count[rows], self._moments(rows), laid)
+
     def _update_levels(self, rows: np.ndarray) -> None:
         curriculum = self.task.curriculum
         if curriculum is None:
             return
         lasted = self.step_count[rows] / self.task.episode_steps
         change = np.where(lasted > curriculum.raise_above, 1.0, np.where(lasted < curriculum.lower_below, -1.0, 0.0))
-        change *= curriculum.step * self._ended[rows]  # an episode that was broken off says nothing
+        # An episode that was broken off says nothing, nor does one that began before a fall.
+        change *= curriculum.step * (self._ended[rows] & ~self.restarted[rows])
         self.level[rows] = np.clip(self.level[rows] + change, 0.0, 1.0)
 
     def _lay_ahead(self, rows: np.ndarray) -> None:

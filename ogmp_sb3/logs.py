@@ -82,6 +82,8 @@ def progress_bar(total: int, unit: str, done: int = 0) -> Any:
 class EpisodeStatistics(BaseCallback):
     """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level.
 
+    Episodes that began before an earlier fall are counted apart.
+
     It also decides when a row is written: whenever the samples pass a multiple of ``every``, so that a resumed run
     writes the same rows.
 
@@ -91,12 +93,28 @@ class EpisodeStatistics(BaseCallback):
     def __init__(self, every: int) -> None:
         super().__init__()
         self.every = every
+        self._forget()
+
+    def state(self) -> dict[str, Any]:
+        """What was counted since the last row, as plain data."""
+        return {"sums": self.sums, "causes": self.causes, "restarts": self.restarts}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on where :meth:`state` was taken."""
+        self.sums, self.causes, self.restarts = state["sums"], state["causes"], state["restarts"]
+
+    def _forget(self) -> None:
         self.sums: dict[str, float] = {}
         self.causes: dict[str, int] = {}
+        self.restarts = {"episodes": 0, "survived": 0}
 
     def _on_step(self) -> bool:
         for i in np.flatnonzero(self.locals["dones"]):
             info = self.locals["infos"][i]
+            if "restart" in info:
+                self.restarts["episodes"] += 1
+                self.restarts["survived"] += int(info["TimeLimit.truncated"])
+                continue
             for key, value in info["episode"].items():
                 self.sums[key] = self.sums.get(key, 0.0) + value
             self.causes[info["termination"]] = self.causes.get(info["termination"], 0) + 1
@@ -113,7 +131,11 @@ class EpisodeStatistics(BaseCallback):
                 self.logger.record(f"episode/{names.get(key, key)}", total / episodes)
         for cause, count in self.causes.items():
             self.logger.record(f"termination/{cause}", count / episodes)
-        self.sums, self.causes = {}, {}
+        restarts = self.restarts["episodes"]
+        if restarts:
+            self.logger.record("restart/share", restarts / (restarts + episodes))
+            self.logger.record("restart/survived", self.restarts["survived"] / restarts)
+        self._forget()
         self.model.dump_logs()  # type: ignore[attr-defined]
 
 

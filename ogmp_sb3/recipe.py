@@ -44,6 +44,8 @@ class PPOConfig:
     """weight of the value loss"""
     max_grad_norm: float
     """gradients are clipped to this norm"""
+    learn_noise: bool
+    """whether the exploration noise is learned; false: it stays the task's ``action.noise``"""
     chunk_length: int | None
     """steps of back-propagation through time; null: whole sequences, with the gradients of sb3-contrib"""
     lstm_hidden_size: int
@@ -73,7 +75,7 @@ class PPOConfig:
     def settings(self) -> dict[str, Any]:
         """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
         values = asdict(self)
-        for name in ("learning_rate_half_life", "lstm_hidden_size", "n_lstm_layers"):
+        for name in ("learning_rate_half_life", "learn_noise", "lstm_hidden_size", "n_lstm_layers"):
             del values[name]
         return values
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,20 @@ class ModeCall:
     def segment(self) -> Segment:
         """What the mode asks for."""
         return modes.get(self.name)(**self.parameters)  # type: ignore[no-any-return]
+
+
+PlainModes = list[list[Any]]
+"""modes as plain data: name and parameters of each"""
+
+
+def plain_modes(calls: list[ModeCall]) -> PlainModes:
+    """Modes as plain data, for files."""
+    return [[call.name, call.parameters] for call in calls]
+
+
+def mode_calls(modes: PlainModes) -> list[ModeCall]:
+    """Modes from plain data."""
+    return [ModeCall(name, parameters) for name, parameters in modes]
 
 
 class ModeSampler:

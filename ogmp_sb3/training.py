@@ -84,8 +84,7 @@ class Checkpoints(BaseCallback):
         steps, score = model.num_timesteps, _score(model)
         self.best, is_best = max(self.best, score), score > self.best
         folder = self.run_dir / "checkpoints" / f"{steps:012d}"
-        log = self.statistics
-        statistics = {"sums": log.sums, "causes": log.causes, "best": self.best}
+        statistics = {**self.statistics.state(), "best": self.best}
         save_checkpoint(model, folder, {**self.info, "num_timesteps": steps, "return": _mean_return(model)}, statistics)
         self.saved_at = steps
         if is_best:
@@ -95,7 +94,7 @@ class Checkpoints(BaseCallback):
 
     def restore(self, statistics: dict[str, Any]) -> None:
         """Go on with the statistics of a checkpoint."""
-        self.statistics.sums, self.statistics.causes = statistics["sums"], statistics["causes"]
+        self.statistics.set_state(statistics)
         self.best = statistics["best"]
 
 
@@ -177,6 +176,7 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     model = RecurrentPPO(
         "MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **config.ppo.settings()
     )
+    model.policy.log_std.requires_grad_(config.ppo.learn_noise)
     # By samples, not by the share that is done: a run does not depend on how far it will go.
     model.lr_schedule = lambda _: config.ppo.learning_rate_at(model.num_timesteps)
     info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
