@@ -17,6 +17,7 @@ from ogmp_sb3.terrain import Plateau
 
 Direction = Literal["front", "back", "left", "right"]
 
+BLOCK_LEAD = 0.05  # m: set-points rise this far before a block begins (released code)
 BLOCK_TAIL = 0.20  # m: and come down this far behind its end (released code)
 FLIP_STANCE = 0.5  # s (released code)
 FLIP_RATE = 8.95  # rad/s: rate of the flip off a low block (released code)
@@ -82,21 +83,20 @@ def pace(v: float, length: float = 0.6) -> Segment:
 
 
 @modes.register()
-def jump(w: float, h: float, v: float = 0.8, run_up: float = 0.45, lead: float = 0.05) -> Segment:
+def jump(w: float, h: float, v: float = 0.8, run_up: float = 0.45) -> Segment:
     """Jump onto a block and down again.
 
     :param w: length of the block along the track, m
     :param h: height of the block, m
     :param v: heading speed, m/s
     :param run_up: flat ground before the block, m
-    :param lead: how far before the block the set-points rise, m (0.05 in the released code)
     """
     end = run_up + w
     return Segment(
         length=end,
         plateaus=(Plateau(0.0, run_up, 0.0), Plateau(run_up, end, h)),
         spans=(
-            Span(end=run_up - lead, velocity=(v, 0.0)),
+            Span(end=run_up - BLOCK_LEAD, velocity=(v, 0.0)),
             Span(end=end + BLOCK_TAIL, velocity=(v, 0.0), ground=(h, h)),
         ),
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3.modes import BLOCK_TAIL, FLIP_STANCE, Contact, flip, jump, leap, pace, settle
+from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, FLIP_STANCE, Contact, flip, jump, leap, pace, settle
 from ogmp_sb3.srb import GRAVITY
 
 TRACK_MODES = {
@@ -44,14 +44,14 @@ def test_pace_is_flat_ground_crossed_in_hops():
 
 
 def test_jump_has_its_block_behind_the_run_up_and_set_points_that_clear_its_edges():
-    w, h, run_up, lead = 0.4, 0.25, 0.5, 0.15
-    segment = jump(w=w, h=h, run_up=run_up, lead=lead)
+    w, h, run_up = 0.4, 0.25, 0.5
+    segment = jump(w=w, h=h, run_up=run_up)
     assert segment.length == pytest.approx(run_up + w)
     flat, block = segment.plateaus
     assert (flat.start, flat.end, flat.top) == (0.0, run_up, 0.0)
     assert (block.start, block.top, block.end - block.start) == (run_up, h, pytest.approx(w))
     approach, over = segment.spans
-    assert approach.ground == (0.0, 0.0) and approach.end == pytest.approx(run_up - lead)
+    assert approach.ground == (0.0, 0.0) and approach.end == pytest.approx(run_up - BLOCK_LEAD)
     assert over.ground == (h, h) and over.end == pytest.approx(run_up + w + BLOCK_TAIL)
 
 

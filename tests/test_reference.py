@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.definitions import GaitConfig
-from ogmp_sb3.modes import BLOCK_TAIL, Contact
+from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
 from ogmp_sb3.reference import (
     CONTACT,
     END,
@@ -97,12 +97,12 @@ def test_on_a_track_the_lateral_target_is_the_centre_line_and_in_a_timed_mode_th
 
 @pytest.mark.parametrize("start", [0.0, 0.17, 0.399, 0.41, 0.8, 1.1, 1.6])
 def test_a_query_in_the_middle_of_a_span_looks_ahead_by_distance(start):
-    w, h, run_up, lead = 0.4, 0.3, 0.45, 0.15
-    spans = laid(ModeCall("jump", {"w": w, "h": h, "run_up": run_up, "lead": lead}), PACE)
+    w, h, run_up = 0.4, 0.3, 0.45
+    spans = laid(ModeCall("jump", {"w": w, "h": h, "run_up": run_up}), PACE)
     points = ask(spans, 30, x=start)
     x = points.state[0, 1:, X]
-    raised = (x > run_up - lead) & (x <= run_up + w + BLOCK_TAIL)
-    clear = np.minimum(np.abs(x - run_up + lead), np.abs(x - run_up - w - BLOCK_TAIL)) > 1e-6
+    raised = (x > run_up - BLOCK_LEAD) & (x <= run_up + w + BLOCK_TAIL)
+    clear = np.minimum(np.abs(x - run_up + BLOCK_LEAD), np.abs(x - run_up - w - BLOCK_TAIL)) > 1e-6
     expected = GAIT.height + np.where(raised, h, 0.0)
     np.testing.assert_allclose(points.state[0, 1:, Z][clear], expected[clear])
 
