@@ -60,7 +60,11 @@ class LoadedPolicy:
 
 
 def save_checkpoint(
-    model: RecurrentPPO, folder: Path, info: dict[str, Any], statistics: dict[str, Any] | None = None
+    model: RecurrentPPO,
+    folder: Path,
+    info: dict[str, Any],
+    statistics: dict[str, Any] | None = None,
+    average: dict[str, th.Tensor] | None = None,
 ) -> None:
     """Write a policy and all its training needs to go on bit for bit; all or nothing.
 
@@ -70,6 +74,7 @@ def save_checkpoint(
     :param folder: the directory to make; an existing one is replaced
     :param info: plain data for ``policy.json``: the task and how the policy came about
     :param statistics: plain data of the logs, given back by :func:`load_trainer`
+    :param average: weights of the policy that is kept, if they are not those that the training goes on from
     """
     env = model.env
     assert isinstance(env, OgmpVecEnv)
@@ -86,6 +91,8 @@ def save_checkpoint(
     tensors = {f"env.{name}": th.as_tensor(array) for name, array in arrays.items()}
     tensors |= {f"lstm.{i}": tensor for i, tensor in enumerate(_lstm_tensors(model))}
     tensors |= {f"optimiser.{name}": tensor for name, tensor in _optimiser_tensors(model).items()}
+    if average is not None:
+        tensors |= {f"policy.{name}": tensor for name, tensor in model.policy.state_dict().items()}
     tensors["torch_generator"] = th.get_rng_state()
     tensors["last_observation"] = th.as_tensor(model._last_obs)
     tensors["last_episode_starts"] = th.as_tensor(model._last_episode_starts)
@@ -94,7 +101,7 @@ def save_checkpoint(
     temporary = folder.with_name(f".{folder.name}.tmp")
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir()
-    _save_tensors(temporary / "policy.safetensors", model.policy.state_dict())
+    _save_tensors(temporary / "policy.safetensors", average or model.policy.state_dict())
     _save_json(temporary / "policy.json", {"format": FORMAT, "network": _network(model.policy), **info})
     _save_tensors(temporary / "trainer.safetensors", tensors)
     _save_json(temporary / "trainer.json", trainer)
@@ -118,8 +125,9 @@ def load_trainer(model: RecurrentPPO, folder: Path) -> dict[str, Any]:
     :raises ValueError: if the checkpoint is damaged or does not fit
     """
     verify(folder)
-    _load_weights(model.policy, folder)
     tensors = _load_tensors(folder / "trainer.safetensors")
+    last = {k.removeprefix("policy."): t for k, t in tensors.items() if k.startswith("policy.")}
+    _set_weights(model.policy, last or policy_weights(folder), folder)
     trainer = _load_json(folder / "trainer.json")
     env = model.env
     assert isinstance(env, OgmpVecEnv)
@@ -200,7 +208,7 @@ def load_policy(run: str | Path) -> LoadedPolicy:
         )
     except (KeyError, TypeError) as error:
         raise ValueError(f"{folder / 'policy.json'}: {error.args[0]}") from None
-    _load_weights(policy, folder)
+    _set_weights(policy, policy_weights(folder), folder)
     policy.set_training_mode(False)
     return LoadedPolicy(policy, task, info["task"], task_path, info, folder)
 
@@ -222,6 +230,14 @@ def policy_kwargs(
         "features_extractor_class": Normaliser,
         "features_extractor_kwargs": {"scale": [float(s) for s in scale]},
     }
+
+
+def policy_weights(folder: Path) -> dict[str, th.Tensor]:
+    """The weights of a policy, from its directory.
+
+    :raises ValueError: if they are not readable
+    """
+    return _load_tensors(folder / "policy.safetensors")
 
 
 def policy_dir(run: str | Path) -> Path:
@@ -297,9 +313,9 @@ def _optimiser_tensors(model: RecurrentPPO) -> dict[str, th.Tensor]:
     return {f"{i}.{name}": th.as_tensor(value) for i, entry in state.items() for name, value in entry.items()}
 
 
-def _load_weights(policy: Any, folder: Path) -> None:
+def _set_weights(policy: Any, weights: dict[str, th.Tensor], folder: Path) -> None:
     try:
-        policy.load_state_dict(_load_tensors(folder / "policy.safetensors"))
+        policy.load_state_dict(weights)
     except RuntimeError as error:
         raise ValueError(f"{folder / 'policy.safetensors'}: {str(error).splitlines()[0]}") from None
 

@@ -94,6 +94,8 @@ class TrainConfig:
     """samples between checkpoints"""
     keep_checkpoints: int
     """how many are kept, beside the best policy"""
+    policy_average: int | None
+    """the policy that is kept has its weights averaged over so many samples; null: the last weights"""
     torch_threads: str | int
     """auto: one for each CPU"""
     physics_threads: str | int
@@ -105,6 +107,8 @@ class TrainConfig:
         for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
             if getattr(self, name) < 1:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.policy_average is not None and self.policy_average < 1:
+            raise ValueError(f"'policy_average' must be at least 1 or null, found {self.policy_average}.")
         if self.seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
         for name in ("torch_threads", "physics_threads"):

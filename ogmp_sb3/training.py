@@ -16,6 +16,7 @@ import torch as th
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import (
     ENCODER,
     checkpoint_dirs,
@@ -24,6 +25,7 @@ from ogmp_sb3.checkpoints import (
     latest_checkpoint,
     load_trainer,
     policy_kwargs,
+    policy_weights,
     save_checkpoint,
 )
 from ogmp_sb3.definitions import TaskConfig
@@ -50,11 +52,20 @@ class Checkpoints(BaseCallback):
     :param config: the run
     :param info: goes into every policy.json
     :param statistics: of the logs, saved with every checkpoint
+    :param average: whose weights are those of the policy that is kept; None: the last ones are
     """
 
-    def __init__(self, run_dir: Path, config: TrainConfig, info: dict[str, Any], statistics: EpisodeStatistics) -> None:
+    def __init__(
+        self,
+        run_dir: Path,
+        config: TrainConfig,
+        info: dict[str, Any],
+        statistics: EpisodeStatistics,
+        average: PolicyAverage | None,
+    ) -> None:
         super().__init__()
-        self.run_dir, self.config, self.info, self.statistics = run_dir, config, info, statistics
+        self.run_dir, self.config, self.info = run_dir, config, info
+        self.statistics, self.average = statistics, average
         self.best = -math.inf
         self.stop_requested = False
 
@@ -85,7 +96,8 @@ class Checkpoints(BaseCallback):
         self.best, is_best = max(self.best, score), score > self.best
         folder = self.run_dir / "checkpoints" / f"{steps:012d}"
         statistics = {**self.statistics.state(), "best": self.best}
-        save_checkpoint(model, folder, {**self.info, "num_timesteps": steps, "return": _mean_return(model)}, statistics)
+        info = {**self.info, "num_timesteps": steps, "return": _mean_return(model)}
+        save_checkpoint(model, folder, info, statistics, self.average.weights if self.average else None)
         self.saved_at = steps
         if is_best:
             copy_policy(folder, self.run_dir / "best")
@@ -182,19 +194,23 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))
-    checkpoints = Checkpoints(run_dir, config, info, statistics)
+    average = PolicyAverage(config.policy_average) if config.policy_average else None
+    checkpoints = Checkpoints(run_dir, config, info, statistics, average)
     if resume:
-        checkpoints.restore(load_trainer(model, latest_checkpoint(run_dir)))
+        checkpoint = latest_checkpoint(run_dir)
+        checkpoints.restore(load_trainer(model, checkpoint))
+        if average:
+            average.weights = policy_weights(checkpoint)
         print(f"resumed at step {model.num_timesteps}")
     else:
         _write_run_files(run_dir, task_data, task, config)
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
-    callbacks = CallbackList([checkpoints, statistics, ProgressBar(config.total_timesteps)])
+    callbacks = [checkpoints, statistics, ProgressBar(config.total_timesteps), *([average] if average else [])]
     handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
     remaining = config.total_timesteps - model.num_timesteps
     try:
         if remaining > 0:
-            model.learn(remaining, callback=callbacks, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+            model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
     except StopTraining:
         checkpoints.save()
         print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train resume={run_dir}")
