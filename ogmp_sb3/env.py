@@ -169,7 +169,7 @@ class BatchEnv:
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
         self._update_levels(rows)
         self.step_count[rows] = 0
-        begun_from = {int(row): moment for row in rows if (moment := self.restarts.take(row))}
+        begun_from = {int(row): moment for row in rows if (moment := self.restarts.take(int(row)))}
         self._begin(np.array([row for row in rows if row not in begun_from], dtype=int))
         if begun_from:
             self._go_back(begun_from)
@@ -348,9 +348,9 @@ class BatchEnv:
         rules += [(name, term(view)) for name, term in self._terminations.items()]
         if task.min_step_reward is not None:
             rules.append((LOW_REWARD, reward < task.min_step_reward))
-        limit = task.episode_steps
+        limit = np.full(self.num_envs, task.episode_steps)
         if task.restarts is not None:
-            limit = np.where(self.restarted, task.restarts.episode_steps, limit)
+            limit[self.restarted] = task.restarts.episode_steps
         rules.append((TIME_LIMIT, self.step_count >= limit))
         which = np.full(self.num_envs, len(rules))
         for i, (_, mask) in reversed(list(enumerate(rules))):
@@ -375,7 +375,7 @@ class BatchEnv:
     def _remember(self, fallen: np.ndarray) -> None:
         """Keep the moments that are due, and those before a fall."""
         for row in np.flatnonzero(fallen & ~self.restarted) if self.task.restarts else ():
-            self.restarts.fallen(row, int(self.step_count[row]), plain_modes(self.modes[row]))
+            self.restarts.fallen(int(row), int(self.step_count[row]), plain_modes(self.modes[row]))
         rows = self.restarts.due(self.step_count)
         if len(rows):
             laid = np.array([len(self.modes[row]) for row in rows])

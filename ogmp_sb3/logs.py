@@ -90,6 +90,10 @@ class EpisodeStatistics(BaseCallback):
     :param every: samples between two rows
     """
 
+    sums: dict[str, float]
+    causes: dict[str, int]
+    restarts: dict[str, int]
+
     def __init__(self, every: int) -> None:
         super().__init__()
         self.every = every
@@ -104,8 +108,7 @@ class EpisodeStatistics(BaseCallback):
         self.sums, self.causes, self.restarts = state["sums"], state["causes"], state["restarts"]
 
     def _forget(self) -> None:
-        self.sums: dict[str, float] = {}
-        self.causes: dict[str, int] = {}
+        self.sums, self.causes = {}, {}
         self.restarts = {"episodes": 0, "survived": 0}
 
     def _on_step(self) -> bool:

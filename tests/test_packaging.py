@@ -24,7 +24,7 @@ LAYERS = (
     {"registry"},
     {"schema", "srb"},
     {"ranges"},
-    {"randomisation"},
+    {"randomisation", "restarts"},
     {"definitions"},
     {"config", "json_schema"},
     {"riccati", "terrain"},
@@ -43,7 +43,7 @@ LAYERS = (
     {"onnx_models", "controller"},
     {"recipe"},
     {"traces", "results", "page"},
-    {"plotting", "plotting_training", "logs", "cli", "episodes", "zoo", "player", "stage"},
+    {"plotting", "plotting_training", "logs", "averaging", "cli", "episodes", "zoo", "player", "stage"},
     {"training", "robustness", "epsilon", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
     | {"report", "report_run", "report_sweep", "runs", "sweeps", "subject"},

@@ -1,0 +1,80 @@
+"""The average of a policy's weights: what it is, that it is the policy that is kept, and that a run goes on with it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch as th
+from programs import SMALL, program
+from safetensors.torch import load_file
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+
+from ogmp_sb3 import make_env
+from ogmp_sb3.averaging import PolicyAverage
+from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+from ogmp_sb3.recurrent import RecurrentPPO
+
+ROLLOUT = 2 * 8
+
+
+class Recorder(BaseCallback):
+    """The weights of every rollout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.weights: list[th.Tensor] = []
+
+    def _on_rollout_end(self) -> None:
+        self.weights.append(self.model.policy.state_dict()["action_net.weight"].clone())
+
+    def _on_step(self) -> bool:
+        return True
+
+
+def trained(over: int, rollouts: int) -> tuple[PolicyAverage, list[th.Tensor]]:
+    env = make_env("dive", num_envs=2, seed=0)
+    model = RecurrentPPO(
+        "MlpLstmPolicy", env, n_steps=8, batch_size=16, n_epochs=1, learning_rate=1e-2, seed=0, device="cpu",
+        policy_kwargs={"net_arch": [], "lstm_hidden_size": 8},
+    )  # fmt: skip
+    average, recorder = PolicyAverage(over), Recorder()
+    model.learn(rollouts * ROLLOUT, callback=CallbackList([recorder, average]))
+    return average, recorder.weights
+
+
+def test_over_a_long_time_it_is_the_mean_of_the_weights_of_all_rollouts() -> None:
+    average, weights = trained(over=10**9, rollouts=5)
+    assert not th.equal(weights[0], weights[-1])
+    th.testing.assert_close(average.weights["action_net.weight"], th.stack(weights).mean(dim=0))
+
+
+def test_it_forgets_as_fast_as_its_time_constant_says() -> None:
+    average, weights = trained(over=2 * ROLLOUT, rollouts=8)
+    keep = math.exp(-0.5)
+    expected = weights[0]
+    for n, w in enumerate(weights[1:], start=2):
+        share = max(1 - keep, 1 / n)
+        expected = (1 - share) * expected + share * w
+    th.testing.assert_close(average.weights["action_net.weight"], expected)
+
+
+@pytest.mark.parametrize("over", ["null", "300"])
+def test_the_policy_that_is_kept_is_the_average_and_the_training_goes_on_from_the_last_weights(
+    over: str, tmp_path: Path
+) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=640", f"policy_average={over}", "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    checkpoint = checkpoint_dirs(tmp_path / "run")[-1]
+    kept, trainer = load_file(checkpoint / "policy.safetensors"), load_file(checkpoint / "trainer.safetensors")
+    last = {name.removeprefix("policy."): tensor for name, tensor in trainer.items() if name.startswith("policy.")}
+    loaded = load_policy(checkpoint).policy.state_dict()
+    assert all(th.equal(loaded[name], tensor) for name, tensor in kept.items())
+    if over == "null":
+        assert not last
+    else:
+        assert last.keys() == kept.keys()
+        difference = (last["action_net.weight"] - kept["action_net.weight"]).abs().max()
+        assert 0 < difference < np.inf
