@@ -15,9 +15,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.drawing import Pictures
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.unstable import capture
 
 RENDER_MODES = ("rgb_array",)
 
@@ -51,7 +52,8 @@ class OgmpVecEnv(VecEnv):
     ended the episode, empty while it runs); at the end of an episode also ``terminal_observation``,
     ``TimeLimit.truncated`` and ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
     ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
-    before an earlier fall is called ``restart`` instead.
+    before an earlier fall is called ``restart`` instead. A simulation that fails ends its own episode as
+    ``unstable``, with the :class:`~ogmp_sb3.unstable.UnstableStep` in ``unstable``; the others go on.
 
     :param task: the task
     :param num_envs: number of environments
@@ -108,6 +110,8 @@ class OgmpVecEnv(VecEnv):
                 infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
                 kind = "restart" if self.batch.restarted[row] else "episode"
                 infos[row][kind] = self._summary(int(row), float(x[row]))
+                if result.termination[row] == UNSTABLE:
+                    infos[row]["unstable"] = capture(self.batch, int(row), self._actions[row])
             for sums in self._sums.values():
                 sums[rows] = 0.0
             observation = observation.copy()
@@ -147,6 +151,11 @@ class OgmpVecEnv(VecEnv):
         """Go on exactly where :meth:`state` was taken. See :meth:`BatchEnv.set_state`."""
         self.batch.set_state(arrays, plain)
         self._sums = {k.removeprefix("sum."): v.copy() for k, v in arrays.items() if k.startswith("sum.")}
+        rewards = {name for name, given in self.batch.task.rewards.items() if given is not None}
+        sums = {"r", "deviation", *rewards} if self._sums else set()  # none before the first step
+        shapes = {values.shape for values in (*self._sums.values(), arrays["start_x"])}
+        if set(self._sums) != sums or shapes != {(self.num_envs,)}:
+            raise ValueError(f"the saved state does not fit this task and {self.num_envs} environments (sums).")
         self._start_x = arrays["start_x"].copy()
         self._pictures.forget()
 

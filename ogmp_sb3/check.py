@@ -23,9 +23,12 @@ from ogmp_sb3.reference import set_points, span_array, span_row
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, SRB, STATE_SIZE
+from ogmp_sb3.unstable import load_step, replay
 
 PROGRAM = "ogmp-check"
 DROP = 0.1  # m
+PLACE = ("num_timesteps", "environment", "seed", "control_step")  # of a step in which a simulation failed
+DECIDING = ("ogmp_sb3", "mujoco")  # versions that a simulation depends on
 SAME = 0.01  # relative difference up to which a robot's file and model agree
 
 
@@ -34,12 +37,15 @@ class CheckConfig:
     """Keys of the command line."""
 
     task: str | None = cli.option("a task by name or the path of a YAML file; the key may be left out", None)
+    unstable: str | None = cli.option("file of a step in which a simulation failed, to replay: <run>/unstable/*", None)
     schema: str | None = cli.option("file for the JSON Schema of task files, for editors; needs no task", None)
     out: str | None = cli.option("directory for references.png; null: no picture", None)
 
     def __post_init__(self) -> None:
-        if self.task is None and self.schema is None:
-            raise ValueError("give a task to check (ogmp-check parkour) or a 'schema' to write.")
+        if self.task is None and self.schema is None and self.unstable is None:
+            raise ValueError(
+                "give a task to check (ogmp-check parkour), an 'unstable' step to replay, or a 'schema' to write."
+            )
 
 
 HELP = cli.usage(
@@ -49,6 +55,7 @@ HELP = cli.usage(
         "ogmp-check parkour",
         "ogmp-check path/to/my_task.yaml out=check",
         "ogmp-check dive rho=0.1 oracle=lqr",
+        "ogmp-check unstable=runs/parkour/2026-01-31_12-00-00/unstable/000000123456-7.safetensors",
         "ogmp-check schema=task.schema.json",
     ],
     CheckConfig,
@@ -163,6 +170,8 @@ def _run(arguments: list[str]) -> None:
     if config.schema:
         Path(config.schema).write_text(json.dumps(task_schema(), indent=1), encoding="utf-8")
         console.print(config.schema)
+    if config.unstable:
+        _replay(Path(config.unstable), console)
     if config.task:
         _check(load_task(config.task, overrides), config.out, console)
 
@@ -182,6 +191,26 @@ def _check(task: TaskConfig, out: str | None, console: Console) -> None:
         plot_references(reference_panels(task), task.control_dt, path)
         console.print(str(path))
     console.print(f"{task.file} is right.")
+
+
+def _replay(file: Path, console: Console) -> None:
+    """Say what happened in a control step in which a simulation failed."""
+    step, task = load_step(file)
+    found, info = replay(step, task), step.info
+    table = Table(title=str(file), title_justify="left", show_header=False)
+    place = ", ".join(f"{key.replace('_', ' ')} {info[key]}" for key in PLACE if key in info)
+    table.add_row("where", f"task {task.name}, {place}")
+    table.add_row("versions", ", ".join(f"{name} {info.get('versions', {}).get(name)}" for name in DECIDING))
+    joint, speed = found.fastest
+    table.add_row("before", f"base at {found.height:.2f} m; the fastest joint is {joint} with {speed:.3g} rad/s")
+    table.add_row("action", f"largest {np.abs(step.action).max():.3g}")
+    if found.failed_at is None:
+        table.add_row("replayed", "the simulation does not fail here: other versions, or another robot or task file?")
+    else:
+        table.add_row("replayed", f"fails in physics step {found.failed_at} of {found.substeps}")
+        for text in found.reasons:
+            table.add_row("why", text)
+    console.print(table)
 
 
 def main() -> None:

@@ -15,6 +15,9 @@ from ogmp_sb3.schema import Where, read
 
 C = TypeVar("C")
 
+TRUST = "true: also load an SB3 .zip, which can run any code; needs 'task'"  # help of a key of several programs
+ZIP_TASK = "of an SB3 .zip: what it was trained on, a name or a YAML file"
+
 
 def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, ...] = ()) -> tuple[C, list[str]]:
     """Read ``key=value`` arguments into a dataclass.

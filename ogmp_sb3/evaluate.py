@@ -46,6 +46,8 @@ class EvalConfig:
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
     out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
+    trust: bool = cli.option(cli.TRUST, False)
+    task: str | None = cli.option(cli.ZIP_TASK, None)
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -163,7 +165,7 @@ def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
 
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    loaded = load_policy(config.run)
+    loaded = load_policy(config.run, config.trust, config.task)
     task = protocol_task(loaded, overrides, config)
     out = Path(config.out) if config.out else _default_out(loaded, config)
     out.mkdir(parents=True, exist_ok=True)
@@ -232,7 +234,7 @@ def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | No
 
 def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
     run = Path(config.run)
-    return run / "evaluation" if run.is_dir() else Path("evaluation") / loaded.path.name
+    return run / "evaluation" if run.is_dir() else Path("evaluation") / loaded.name
 
 
 def _write(out: Path, report: dict[str, Any]) -> None:

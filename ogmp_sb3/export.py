@@ -15,12 +15,13 @@ import numpy as np
 from rich.console import Console
 
 from ogmp_sb3 import cli, registry
-from ogmp_sb3.checkpoints import MANIFEST, LoadedPolicy, load_policy, policy_dir, verify
+from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.latent import reference_features, task_encoder
 from ogmp_sb3.observations import CLIP, Part
+from ogmp_sb3.policy import Normaliser
 from ogmp_sb3.recipe import versions
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ class ExportConfig:
 
     run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
     out: str = cli.option("directory to write")
+    trust: bool = cli.option(cli.TRUST, False)
+    task: str | None = cli.option(cli.ZIP_TASK, None)
 
 
 HELP = cli.usage(
@@ -103,7 +106,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "training": loaded.info.get("versions"),
             "export": {**versions(), **{name: metadata.version(name) for name in ("onnx", "onnxruntime")}},
         },
-        "source_sha256": _checksum(loaded.path / "policy.safetensors"),
+        "source_sha256": _checksum(loaded.files[0]),
     }
 
 
@@ -176,12 +179,12 @@ def _run(arguments: list[str]) -> None:
         from ogmp_sb3.controller import Controller
     except ImportError as error:
         raise ValueError(f'{error.name} is missing: pip install "ogmp_sb3[export]".') from None
-    folder, out = policy_dir(config.run), Path(config.out)
+    out = Path(config.out)
     if (out / "policy.safetensors").exists():
         raise ValueError(f"{out} holds a policy of its own, whose policy.json would be lost: name another 'out'.")
-    if (folder / MANIFEST).is_file():
-        verify(folder)
-    loaded = load_policy(folder)
+    loaded = load_policy(config.run, config.trust, config.task)
+    if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
+        raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")
     env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)
     export(loaded, env, out)
 

@@ -25,16 +25,18 @@ class PlayConfig:
     """Keys of the command line."""
 
     run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
-    task: str | None = cli.option("instead of a run, a task: only its oracle plays", None)
+    task: str | None = cli.option("instead of a run, a task: only its oracle plays; or that of an SB3 .zip", None)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     seed: int = cli.option("of the modes that are drawn", 0)
     host: str = cli.option("address the viewer listens on; 0.0.0.0: the whole network can play", "127.0.0.1")
     port: int = cli.option("port of the viewer", 8080)
     video: str | None = cli.option("file to write instead: .mp4, .gif, or .png for a strip of pictures", None)
     seconds: float = cli.option("length of the video, s", 12.0)
+    trust: bool = cli.option(cli.TRUST, False)
 
     def __post_init__(self) -> None:
-        if (self.run is None) == (self.task is None):
+        of_zip = self.run is not None and Path(self.run).is_file()
+        if (self.run is None) == (self.task is None) and not of_zip:
             raise ValueError("give either 'run' (a policy) or 'task' (its oracle alone).")
         if self.seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
@@ -63,7 +65,7 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPoli
     """The task with the user's changes, and the policy if there is one."""
     policy = None
     if config.run is not None:
-        loaded = load_policy(config.run)
+        loaded = load_policy(config.run, config.trust, config.task)
         policy, data, path = loaded.policy, loaded.task_data, loaded.task_path
     else:
         assert config.task is not None

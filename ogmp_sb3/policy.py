@@ -1,8 +1,10 @@
-"""The recurrent policy: sb3-contrib's, with a normaliser in front and the LSTM called once per batch."""
+"""The recurrent policy: sb3-contrib's, with a normaliser in front and the LSTM called once per batch; and its sizes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch as th
@@ -10,6 +12,8 @@ from gymnasium import spaces
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
+
+from ogmp_sb3.storage import check_shapes
 
 LstmStates = tuple[th.Tensor, th.Tensor]
 
@@ -80,3 +84,57 @@ class LstmPolicy(RecurrentActorCriticPolicy):
         inputs = features.reshape(sequences, length, lstm.input_size).transpose(0, 1)
         output, states = lstm(inputs, (lstm_states[0] * keep, lstm_states[1] * keep))
         return output.transpose(0, 1).flatten(0, 1), states
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSize:
+    """The LSTMs of actor and critic."""
+
+    lstm_hidden_size: int
+    """of each layer"""
+    n_lstm_layers: int
+    """of each network"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network:
+    """All that the weights of a policy need to be one."""
+
+    scale: tuple[float, ...]
+    """typical sizes of the observation's components"""
+    actions: int
+    """length of an action"""
+    kwargs: NetworkSize
+    """of the LSTMs"""
+
+    def check(self, weights: dict[str, th.Tensor]) -> None:
+        """Hold the sizes against the weights, before anything of these sizes is made.
+
+        :raises ValueError: if they differ
+        """
+        hidden, last = self.kwargs.lstm_hidden_size, self.kwargs.n_lstm_layers - 1
+        expected = {
+            "features_extractor.mean": (len(self.scale),),
+            f"lstm_actor.weight_hh_l{last}": (4 * hidden, hidden),
+            "action_net.bias": (self.actions,),
+        }
+        check_shapes(expected, weights)
+
+
+def policy_kwargs(
+    scale: np.ndarray, lstm_hidden_size: int, n_lstm_layers: int, log_std_init: float = 0.0
+) -> dict[str, Any]:
+    """The network of the paper: LSTM actor and critic without further layers, with a normaliser in front.
+
+    :param scale: typical sizes of the observation's components
+    """
+    return {
+        "net_arch": [],
+        "lstm_hidden_size": lstm_hidden_size,
+        "n_lstm_layers": n_lstm_layers,
+        "enable_critic_lstm": True,
+        "log_std_init": log_std_init,
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},  # SB3's epsilon; fused is the same in fewer calls
+        "features_extractor_class": Normaliser,
+        "features_extractor_kwargs": {"scale": [float(s) for s in scale]},
+    }

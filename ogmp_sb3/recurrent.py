@@ -5,8 +5,6 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 
 from __future__ import annotations
 
-import copy
-import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -25,6 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from ogmp_sb3.policy import LstmPolicy, LstmStates, Normaliser
+from ogmp_sb3.safeguard import undone_unless_finite
 from ogmp_sb3.sequences import Minibatch, SequenceBuffer
 
 
@@ -33,7 +32,8 @@ class RecurrentPPO(StockRecurrentPPO):
 
     ``policy="MlpLstmPolicy"`` names :class:`LstmPolicy`. A :class:`Normaliser` as features extractor is updated
     after every rollout. Actor and critic are updated side by side in two threads. Policies with a shared or no
-    critic LSTM, dictionary observations or trainable features extractors train as in sb3-contrib.
+    critic LSTM, dictionary observations or trainable features extractors train as in sb3-contrib. An update with a
+    loss, gradient, weight or standard deviation that is not finite is undone, with a warning.
 
     :param chunk_length: None: sequences, minibatches and gradients of sb3-contrib; a number: the rollout is cut into
         chunks of that many steps (truncated back-propagation from the stored state), shuffled in every epoch
@@ -55,7 +55,7 @@ class RecurrentPPO(StockRecurrentPPO):
 
     def __init__(self, *args: Any, chunk_length: int | None = None, **kwargs: Any) -> None:
         self.chunk_length = chunk_length
-        self.undone_updates = 0  # because a gradient was not finite
+        self.undone_updates = self.undone_in_a_row = 0  # because something was not finite
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
@@ -181,14 +181,18 @@ class RecurrentPPO(StockRecurrentPPO):
 
     def train(self) -> None:
         """sb3-contrib's update; then the normaliser learns from the rollout, so that ratios inside it are exact."""
-        if self._fast:
-            self._train_on_sequences()
-        else:
-            super().train()
-        extractor = self.policy.features_extractor
-        if isinstance(extractor, Normaliser):
-            observations = self.rollout_buffer.observations.reshape(-1, extractor.mean.shape[0])
-            extractor.update(th.as_tensor(observations, device=self.device))
+        with undone_unless_finite(self):
+            if not np.isfinite(self.rollout_buffer.rewards).all():
+                raise FloatingPointError("a reward of the rollout is not finite.")
+            if self._fast:
+                self._train_on_sequences()
+            else:
+                super().train()
+            extractor = self.policy.features_extractor
+            if isinstance(extractor, Normaliser):
+                observations = self.rollout_buffer.observations.reshape(-1, extractor.mean.shape[0])
+                extractor.update(th.as_tensor(observations, device=self.device))
+        self.logger.record("train/undone_updates", self.undone_updates)
 
     def _train_on_sequences(self) -> None:
         policy, buffer = self.policy, self.rollout_buffer
@@ -200,29 +204,20 @@ class RecurrentPPO(StockRecurrentPPO):
         with th.no_grad():
             features: Any = policy.extract_features(buffer.flat["observations"])
         logs: list[dict[str, th.Tensor]] = []
-        before = copy.deepcopy((policy.state_dict(), policy.optimizer.state_dict()))
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
         with _torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
-            try:
-                for _ in range(self.n_epochs):
-                    go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
-                    self._n_updates += 1
-                    if not go_on:
-                        break
-            except FloatingPointError as error:
-                policy.load_state_dict(before[0])
-                policy.optimizer.load_state_dict(before[1])
-                self.undone_updates += 1
-                warnings.warn(f"Update at step {self.num_timesteps} undone: {error}", stacklevel=2)
-        self.logger.record("train/undone_updates", self.undone_updates)
-        if logs:
-            self._log_update(logs, clip_range)
+            for _ in range(self.n_epochs):
+                go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
+                self._n_updates += 1
+                if not go_on:
+                    break
+        self._log_update(logs, clip_range)
 
     def _train_epoch(
         self, features: th.Tensor, clip_range: float, pool: Executor | None, logs: list[dict[str, th.Tensor]]
     ) -> bool:
-        """One pass over the rollout; False if the KL divergence stopped it. A gradient that is not finite raises.
+        """One pass over the rollout; False if the KL divergence stopped it. What is not finite raises.
 
         :param pool: where to update the critic meanwhile; None: here
         """
@@ -234,9 +229,9 @@ class RecurrentPPO(StockRecurrentPPO):
             log, kl = self._actor_gradients(batch, features, clip_range)
             value_loss = critic.result() if critic else self._critic_gradients(batch, features)
             norm = th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
-            if not th.isfinite(norm):
-                losses = f"value loss {value_loss:g}, KL divergence {kl:g}"
-                raise FloatingPointError(f"a gradient is not finite ({losses}).")
+            if not th.isfinite(th.stack([norm, log["policy_gradient_loss"], value_loss])).all():
+                losses = f"policy loss {log['policy_gradient_loss']:g}, value loss {value_loss:g}"
+                raise FloatingPointError(f"a loss or a gradient is not finite ({losses}, gradient {norm:g}).")
             logs.append({**log, "value_loss": value_loss})
             if self.target_kl is not None and kl > 1.5 * self.target_kl:
                 return False

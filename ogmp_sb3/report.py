@@ -43,6 +43,8 @@ class ReportConfig:
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
         ",".join(report_run.VARIANTS),
     )
+    trust: bool = cli.option(cli.TRUST, False)
+    task: str | None = cli.option(cli.ZIP_TASK, None)
 
     def __post_init__(self) -> None:
         if (self.run is None) == (self.sweep is None):
@@ -84,8 +86,8 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     if (folder / MULTIRUN).is_file():
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
     run = read_run(folder) if (folder / CONFIG).is_file() else None
-    loaded = load_policy(folder / "best" if run and config.policy == "best" else name)
-    out = Path(config.out) if config.out else folder / "report" if run else Path("report") / loaded.path.name
+    loaded = load_policy(folder / "best" if run and config.policy == "best" else name, config.trust, config.task)
+    out = Path(config.out) if config.out else folder / "report" if run else Path("report") / loaded.name
     subject = Subject(loaded, overrides, folder if run else out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [

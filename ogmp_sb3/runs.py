@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import time
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.schema import read_yaml
-from ogmp_sb3.training import CONFIG
+from ogmp_sb3.logs import STEP_COLUMN, read_rows
+from ogmp_sb3.saving import CONFIG, entry
+from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
 
 FINISHED, RUNNING, STOPPED, FAILED, MISSING = "finished", "running", "stopped", "failed", "missing"
 QUIET = 600.0  # s: a run that has written nothing for so long is not running
@@ -76,8 +75,11 @@ def read_run(path: Path) -> Run:
 
     :raises ValueError: if a file in it cannot be read
     """
-    overrides = tuple(OmegaConf.load(path / OVERRIDES)) if (path / OVERRIDES).is_file() else ()
+    overrides = _read_overrides(path / OVERRIDES) if (path / OVERRIDES).is_file() else ()
     config = read_yaml(path / CONFIG) if (path / CONFIG).is_file() else {}
+    for key in ("task", "train"):
+        if key in config:
+            entry(config, key, dict[str, Any], Where(str(path / CONFIG)))
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
     return Run(path, overrides, config, log, _state(path, config, log))
 
@@ -107,16 +109,21 @@ def swept_keys(jobs: list[Run]) -> list[str]:
 
 
 def read_log(path: Path) -> dict[str, np.ndarray]:
-    """Read a ``progress.csv``; rows without a number of samples are passed over.
+    """Read a ``progress.csv``.
 
     :raises ValueError: if it holds anything but numbers
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row.get(STEP_COLUMN)]
+    rows = read_rows(path)
+    return {key: np.array([float(row[key] or "nan") for row in rows]) for key in (rows[0] if rows else ())}
+
+
+def _read_overrides(path: Path) -> tuple[str, ...]:
+    """What Hydra has kept of a command line."""
     try:
-        return {key: np.array([float(row[key] or "nan") for row in rows]) for key in (rows[0] if rows else ())}
-    except (ValueError, TypeError):
-        raise ValueError(f"{path}: not readable as a log of numbers.") from None
+        data = OmegaConf.to_container(OmegaConf.load(path))  # unresolved: only text
+        return read(tuple[str, ...], data, Where(str(path)))
+    except UNREADABLE as error:
+        raise ValueError(f"{path}: not readable as a list of overrides ({' '.join(str(error).split())}).") from None
 
 
 def _samples(path: Path, log: dict[str, np.ndarray]) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
+from mujoco.batch import Batch, SimulationError
 
 from ogmp_sb3.definitions import RobotConfig
 from ogmp_sb3.registry import did_you_mean
@@ -12,6 +12,10 @@ from ogmp_sb3.terrain import NOTHING, geom_boxes
 
 TERRAIN_FRICTION = (1.0, 0.005, 0.0001)  # sliding, torsional, rolling: MuJoCo's defaults
 
+# Simulations that fail are counted, said and kept by us; MuJoCo would print each and litter the user's directory with
+# MUJOCO_LOG.TXT.
+_QUIET = mujoco.MjLogConfig()
+_QUIET.logto_console = _QUIET.logto_file = False
 
 VISUAL_GROUP = 1  # geoms that are only seen; physics runs without them, 20 % faster
 
@@ -112,6 +116,9 @@ class Simulation:
         self._geom_size = self.batch.expand("geom_size")
         self._geom_rbound = self.batch.expand("geom_rbound")
         self._warnings_seen = self._warning_counts()
+        self._failed = np.zeros(num_envs, dtype=bool)  # MuJoCo gave up in the last step
+        self.before = self.batch.state.copy()
+        """states, with their controls, as they were before the last step, shape (num_envs, size)"""
 
     def _contact_addresses(self, robot: RobotConfig) -> np.ndarray:
         """Addresses of the contact sensors of all bodies but the feet."""
@@ -182,6 +189,7 @@ class Simulation:
         self.qpos[rows[:, None], self.joint_qpos] = joint_pos
         self.ctrl[rows[:, None], self.actuators] = joint_pos
         self._warnings_seen[rows] = self._warning_counts()[rows]
+        self._failed[rows] = False
 
     def step(self, rows: np.ndarray | None, substeps: int) -> None:
         """Advance simulations by physics steps.
@@ -189,7 +197,15 @@ class Simulation:
         :param rows: which, or None for all
         :param substeps: physics steps
         """
-        self.batch.step(rows, substeps)
+        np.copyto(self.before, self.batch.state)
+        given = mujoco.MjLogConfig.get()
+        _QUIET.set()
+        try:
+            self.batch.step(rows, substeps)
+        except SimulationError as error:
+            self._failed[error.ids] = True
+        finally:
+            given.set()
 
     def torque(self, rows: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """PD torque before the limits, shape (n, joints), N m.
@@ -206,9 +222,18 @@ class Simulation:
         return (self._sensors[:, self._body_contacts] > 0).any(axis=1)
 
     def unstable(self) -> np.ndarray:
-        """Simulations that MuJoCo warned about since they were placed, or that are not finite, shape (num_envs,)."""
+        """Simulations that MuJoCo failed in or warned about since they were placed, or that are not finite.
+
+        :return: shape (num_envs,), bool
+        """
         finite = np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1)
-        return ~finite | (self._warning_counts() != self._warnings_seen)
+        return ~finite | self._failed | (self._warning_counts() != self._warnings_seen)
+
+    def complaints(self, row: int) -> list[tuple[str, int]]:
+        """What MuJoCo warned of in a simulation since it was placed: the kind, and the index it is about."""
+        found = np.asarray(self.batch.warning)[row]  # (kinds, 2): index, count
+        error = [(self.batch.error(row), 0)] if self._failed[row] else []
+        return error + [(mujoco.mjtWarning(kind).name, int(found[kind, 0])) for kind in np.flatnonzero(found[:, 1])]
 
     def _warning_counts(self) -> np.ndarray:
         return np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)

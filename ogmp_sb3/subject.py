@@ -41,8 +41,7 @@ class Subject:
         self.task = self._task([])
         self._folder = folder
         self._results = Results(folder / RESULTS)
-        files = (self.loaded.path / name for name in ("policy.safetensors", "policy.json"))
-        digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        digest = hashlib.sha256(b"".join(file.read_bytes() for file in self.loaded.files)).hexdigest()
         found = {name: version for name, version in versions().items() if name in DECIDING}
         self._settings = {"policy": digest[:16], "versions": found, "overrides": overrides}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.plugins.config_source import ConfigLoadError
 from omegaconf import DictConfig, OmegaConf
 
+from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
-from ogmp_sb3.training import CONFIG, RESUMABLE, begin_or_go_on, train
+from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.training import CONFIG, RESUMABLE, begin_or_go_on, run_config, train
 
 REPLACES_TASK = ("rho", "oracle", "horizon")
 
@@ -70,15 +70,17 @@ def _resume(arguments: list[str]) -> None:
     """``ogmp-train resume=<run dir> [total_timesteps=...]``: everything else is as it was."""
     given = dict(argument.partition("=")[::2] for argument in arguments)
     run_dir = Path(given.pop("resume"))
-    data = read_yaml(run_dir / CONFIG)
+    data = run_config(run_dir)
     for key, value in given.items():
         if key not in RESUMABLE:
             raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
         data["train"][key] = int(value) if value.isdigit() else value
     task = task_from_data(data["task"], Path(data["task_file"]))
     config = read(TrainConfig, data["train"], Where(str(run_dir / CONFIG), "train"))
-    write_yaml(run_dir / CONFIG, {**data, "train": asdict(config)})
-    train(task, data["task"], config, run_dir, resume=True)
+    resume = bool(checkpoint_dirs(run_dir))
+    if not resume:
+        print("there is no checkpoint yet: beginning anew")
+    train(task, data["task"], config, run_dir, resume)
 
 
 def _register_tasks(arguments: list[str]) -> list[str]:
@@ -163,6 +165,8 @@ def main() -> None:
             _run(arguments)
     except (ValueError, KeyError, TypeError) as error:
         _fail(error)
+    except KeyboardInterrupt:  # a second Ctrl-C, or one before the training began
+        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

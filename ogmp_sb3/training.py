@@ -3,124 +3,30 @@
 from __future__ import annotations
 
 import math
-import shutil
 import signal
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
 import torch as th
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.averaging import PolicyAverage
-from ogmp_sb3.checkpoints import (
-    ENCODER,
-    checkpoint_dirs,
-    checkpoint_info,
-    copy_policy,
-    latest_checkpoint,
-    load_trainer,
-    policy_kwargs,
-    policy_weights,
-    save_checkpoint,
-)
+from ogmp_sb3.checkpoints import ENCODER, checkpoint_dirs, checkpoint_info, latest_checkpoint, policy_kwargs
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.latent import copy_encoder
-from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
+from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import read_yaml, write_yaml
+from ogmp_sb3.saving import CONFIG, UNSTABLE, Checkpoints, StopTraining, entry, mean_return, tidy_run
+from ogmp_sb3.schema import Where, read_yaml, write_yaml
+from ogmp_sb3.storage import alone, reason
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
-CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 # What may change when a run goes on.
 RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
-
-
-class StopTraining(Exception):
-    """Raised between two updates after Ctrl-C or SIGTERM."""
-
-
-class Checkpoints(BaseCallback):
-    """Saves between updates: every ``checkpoint_interval`` samples, and when asked to stop.
-
-    :param run_dir: the run directory
-    :param config: the run
-    :param info: goes into every policy.json
-    :param statistics: of the logs, saved with every checkpoint
-    :param average: whose weights are those of the policy that is kept; None: the last ones are
-    """
-
-    def __init__(
-        self,
-        run_dir: Path,
-        config: TrainConfig,
-        info: dict[str, Any],
-        statistics: EpisodeStatistics,
-        average: PolicyAverage | None,
-    ) -> None:
-        super().__init__()
-        self.run_dir, self.config, self.info = run_dir, config, info
-        self.statistics, self.average = statistics, average
-        self.best = -math.inf
-        self.stop_requested = False
-
-    def request_stop(self, signum: int, frame: FrameType | None) -> None:
-        """Signal handler: finish the update, save, stop."""
-        if self.stop_requested:
-            raise KeyboardInterrupt
-        self.stop_requested = True
-        print("\nStopping after this update; press Ctrl-C again to quit at once.", file=sys.stderr)
-
-    def _on_training_start(self) -> None:
-        self.saved_at = self.num_timesteps
-
-    def _on_rollout_start(self) -> None:
-        if self.stop_requested:
-            raise StopTraining
-        if self.num_timesteps - self.saved_at >= self.config.checkpoint_interval:
-            self.save()
-
-    def _on_step(self) -> bool:
-        return True
-
-    def save(self) -> None:
-        """Write a checkpoint, drop the oldest beyond ``keep_checkpoints``, and keep the best apart."""
-        model = self.model
-        assert isinstance(model, RecurrentPPO)
-        steps, score = model.num_timesteps, _score(model)
-        self.best, is_best = max(self.best, score), score > self.best
-        folder = self.run_dir / "checkpoints" / f"{steps:012d}"
-        statistics = {**self.statistics.state(), "best": self.best}
-        info = {**self.info, "num_timesteps": steps, "return": _mean_return(model)}
-        save_checkpoint(model, folder, info, statistics, self.average.weights if self.average else None)
-        self.saved_at = steps
-        if is_best:
-            copy_policy(folder, self.run_dir / "best")
-        for old in checkpoint_dirs(self.run_dir)[: -self.config.keep_checkpoints]:
-            shutil.rmtree(old)
-
-    def restore(self, statistics: dict[str, Any]) -> None:
-        """Go on with the statistics of a checkpoint."""
-        self.statistics.set_state(statistics)
-        self.best = statistics["best"]
-
-
-def _mean_return(model: RecurrentPPO) -> float:
-    """Mean return of the last episodes, -1e9 before the first one has ended."""
-    returns = [episode["r"] for episode in model.ep_info_buffer or []]
-    return float(np.mean(returns)) if returns else -1e9
-
-
-def _score(model: RecurrentPPO) -> float:
-    """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
-    levels = [episode["level"] for episode in model.ep_info_buffer or []]
-    level = round(float(np.mean(levels)), 1) if levels else 0.0
-    return level * model.env.batch.task.episode_steps + _mean_return(model)  # type: ignore[union-attr]
 
 
 def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path) -> float:
@@ -135,15 +41,14 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
     """
     if not (run_dir / CONFIG).is_file() or not checkpoint_dirs(run_dir):
         return train(task, task_data, config, run_dir, resume=False)
-    data = read_yaml(run_dir / CONFIG)
+    data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
     wanted = {"task name": task.name, "task": task_data, "train": asdict(config)}
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
     checkpoint = latest_checkpoint(run_dir)
     if int(checkpoint.name) >= config.total_timesteps:
         print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
-        return float(checkpoint_info(checkpoint)["return"])
-    write_yaml(run_dir / CONFIG, {**data, "train": asdict(config)})
+        return float(checkpoint_info(checkpoint).get("return", math.nan))
     return train(task, task_data, config, run_dir, resume=True)
 
 
@@ -163,6 +68,18 @@ def _check_same(file: Path, found: dict[str, Any], wanted: dict[str, Any], key: 
             )
 
 
+def run_config(run_dir: Path) -> dict[str, Any]:
+    """The ``config.yaml`` of a run: its task, the file that came from, and its settings.
+
+    :raises ValueError: if it is damaged or missing
+    """
+    file = run_dir / CONFIG
+    data, where = read_yaml(file), Where(str(file))
+    for key, kind in {"task": dict[str, Any], "task_file": str, "train": dict[str, Any]}.items():
+        entry(data, key, kind, where)
+    return data
+
+
 def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
     """Train a policy and leave everything in the run directory.
 
@@ -172,11 +89,25 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     :param run_dir: where to write
     :param resume: go on from the latest checkpoint of ``run_dir``
     :return: mean return of the last episodes
+    :raises ValueError: if nothing can be written there, or a checkpoint to resume from is damaged
     """
     th.set_num_threads(thread_count(config.torch_threads))
+    try:
+        run_dir.mkdir(parents=True, exist_ok=True)
+        with alone(run_dir):
+            tidy_run(run_dir)
+            return _train(task, task_data, config, run_dir, resume)
+    except OSError as error:
+        raise ValueError(f"{error.filename or run_dir}: {reason(error)}.") from None
+
+
+def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
+    checkpoint = latest_checkpoint(run_dir) if resume else None
     if task.uses_latent and task.encoder:
-        if not resume:
+        if checkpoint is None:
             copy_encoder(task.encoder, run_dir / ENCODER)
+        else:
+            _check_encoder(run_dir / ENCODER, checkpoint / ENCODER)
         task = replace(task, encoder=str(run_dir / ENCODER))
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     network = policy_kwargs(
@@ -191,41 +122,44 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     model.policy.log_std.requires_grad_(config.ppo.learn_noise)
     # By samples, not by the share that is done: a run does not depend on how far it will go.
     model.lr_schedule = lambda _: config.ppo.learning_rate_at(model.num_timesteps)
-    info = {"task": task_data, "task_file": task.file, "seed": config.seed, "versions": versions()}
+    origin = {"task": task_data, "task_file": task.file, "versions": versions()}
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))
+    unstable = UnstableSteps(run_dir / UNSTABLE, config.seed, origin)
     average = PolicyAverage(config.policy_average) if config.policy_average else None
-    checkpoints = Checkpoints(run_dir, config, info, statistics, average)
-    if resume:
-        checkpoint = latest_checkpoint(run_dir)
-        checkpoints.restore(load_trainer(model, checkpoint))
-        if average:
-            average.weights = policy_weights(checkpoint)
-        print(f"resumed at step {model.num_timesteps}")
+    checkpoints = Checkpoints(run_dir, config, {**origin, "seed": config.seed}, statistics, unstable, average)
+    checkpoints.model = model
+    if checkpoint is not None:
+        checkpoints.restore(checkpoint)
+        write_yaml(run_dir / CONFIG, {**run_config(run_dir), "train": asdict(config)})
     else:
-        _write_run_files(run_dir, task_data, task, config)
+        write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config)})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
-    callbacks = [checkpoints, statistics, ProgressBar(config.total_timesteps), *([average] if average else [])]
+    if checkpoint is not None:
+        print(f"resumed at step {model.num_timesteps}")
+    callbacks = [checkpoints, unstable, statistics, ProgressBar(config.total_timesteps)]
+    if average is not None:
+        callbacks.append(average)
     handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
     remaining = config.total_timesteps - model.num_timesteps
     try:
         if remaining > 0:
             model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+            checkpoints.save_last()
     except StopTraining:
-        checkpoints.save()
+        checkpoints.save_last()
         print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train resume={run_dir}")
         raise SystemExit(130) from None
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         model.logger.close()
-    if remaining > 0:
-        checkpoints.save()
     print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval run={run_dir}")
-    return _mean_return(model)
+    return mean_return(model)
 
 
-def _write_run_files(run_dir: Path, task_data: dict[str, Any], task: TaskConfig, config: TrainConfig) -> None:
-    run_dir.mkdir(parents=True, exist_ok=True)
-    data = {"task": task_data, "task_file": task.file, "train": asdict(config), "versions": versions()}
-    write_yaml(run_dir / CONFIG, data)
+def _check_encoder(used: Path, saved: Path) -> None:
+    """:raises ValueError: if the encoder of a run is not that of its checkpoint, whose checksums hold."""
+    for file in saved.iterdir():
+        if not (used / file.name).is_file() or (used / file.name).read_bytes() != file.read_bytes():
+            raise ValueError(f"{used / file.name}: not the file that the run was trained with, which is {file}.")

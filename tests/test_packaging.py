@@ -20,7 +20,7 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"plugins", "rotations", "opengl"},
+    {"plugins", "rotations", "opengl", "storage"},
     {"registry"},
     {"schema", "srb"},
     {"ranges"},
@@ -35,15 +35,17 @@ LAYERS = (
     {"observations", "rewards", "terminations", "metrics"},
     {"sim", "render"},
     {"env", "robot_check"},
-    {"drawing"},
+    {"drawing", "unstable"},
     {"adapters", "encoder"},
-    {"policy", "sequences"},
+    {"policy", "sequences", "safeguard"},
     {"recurrent"},
+    {"trainer", "sb3_zip"},
     {"checkpoints"},
     {"onnx_models", "controller"},
     {"recipe"},
     {"traces", "results", "page"},
     {"plotting", "plotting_training", "logs", "averaging", "cli", "episodes", "zoo", "player", "stage"},
+    {"saving"},
     {"training", "robustness", "epsilon", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
     | {"report", "report_run", "report_sweep", "runs", "sweeps", "subject"},

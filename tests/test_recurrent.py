@@ -219,7 +219,7 @@ def test_an_update_with_a_gradient_that_is_not_finite_is_undone_and_training_goe
     _, callback = model._setup_learn(10**6, reset_num_timesteps=False)
     model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
     getattr(model.rollout_buffer, field)[-1, -1] = np.nan
-    with pytest.warns(UserWarning, match=r"Update at step \d+ undone: a gradient is not finite"):
+    with pytest.warns(UserWarning, match=r"Update at step \d+ undone: a loss or a gradient is not finite"):
         model.train()
     assert all(th.equal(a, b) for a, b in zip(weights, model.policy.parameters(), strict=True))
     now = [entry["exp_avg"] for entry in model.policy.optimizer.state.values()]

@@ -149,3 +149,15 @@ def test_runs_put_into_one_directory_by_hand_are_a_sweep(tmp_path: Path) -> None
 def test_a_directory_without_jobs_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds no job of a multirun"):
         read_sweep(tmp_path)
+
+
+def test_overrides_stay_text_and_what_is_none_is_a_sentence(tmp_path: Path) -> None:
+    run_dir = make_run(tmp_path / "run", ["task=parkour"])
+    file = run_dir / ".hydra" / "overrides.yaml"
+    file.write_text("- rho=${oc.env:HOME}\n")
+    assert read_run(run_dir).overrides == ("rho=${oc.env:HOME}",)
+    for content in ("{a: 1}", "3", "!!python/object/apply:os.system [ls]", "\x00"):
+        file.write_text(content)
+        with pytest.raises(ValueError, match=r"overrides\.yaml: not readable as a list of overrides") as caught:
+            read_run(run_dir)
+        assert "\n" not in str(caught.value)

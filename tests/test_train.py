@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,9 +19,11 @@ import torch as th
 import yaml
 from programs import SMALL, program, progress
 from safetensors.torch import load_file
+from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_policy
+from ogmp_sb3.logs import EpisodeStatistics
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +119,10 @@ def test_a_run_in_two_parts_equals_one_in_one_bit_for_bit(task: list[str], tmp_p
                 for episode in state["episodes"]:
                     del episode["t"]
                 state["statistics"]["sums"].pop("t", None)
-                del state["statistics"]["best"]  # of the checkpoints written, which come at other samples
+                del (
+                    state["statistics"]["best"],
+                    state["statistics"]["best_at"],
+                )  # of the checkpoints written, which come at other samples
             assert first == second
         else:
             first, second = (load_file(folder / name) for folder in (whole, parts))
@@ -145,7 +153,34 @@ def test_ctrl_c_and_sigterm_save_and_say_how_to_go_on(number: int, tmp_path: Pat
         out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert f"ogmp-train resume={tmp_path / 'run'}" in out
-    assert checkpoint_dirs(tmp_path / "run")
+    stopped_at = int(re.search(r"Stopped at step (\d+)", out)[1])
+    assert stopped_at > 0
+    assert int(latest_checkpoint(tmp_path / "run").name) == stopped_at
+
+
+def test_a_second_ctrl_c_quits_at_once_without_a_traceback(tmp_path: Path, monkeypatch) -> None:
+    def interrupted(self: BaseCallback) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(EpisodeStatistics, "_on_rollout_end", interrupted)
+    done = program("train", "task=dive", *SMALL, "hydra.run.dir=run", cwd=tmp_path)
+    assert done.returncode == 130
+    assert "press Ctrl-C again to quit at once" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_training_and_evaluation_need_no_network(tmp_path: Path, monkeypatch) -> None:
+    def connect(*address: object) -> None:
+        raise AssertionError(f"wants the network: {address}")
+
+    for name in ("connect", "connect_ex", "bind"):
+        monkeypatch.setattr(socket.socket, name, connect)
+    monkeypatch.setattr(socket, "getaddrinfo", connect)
+    assert (
+        program("train", "task=dive", "total_timesteps=128", *SMALL, "hydra.run.dir=run", cwd=tmp_path).returncode == 0
+    )
+    done = program("evaluate", "run=run", "episodes=1", "evaluation.episode_steps=5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 def test_multirun_trains_every_combination(tmp_path: Path) -> None:

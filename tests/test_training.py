@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch as th
 import yaml
 from programs import SMALL, program
+from safetensors.torch import load_file
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.runs import read_log
+from ogmp_sb3.storage import alone
+from ogmp_sb3.training import run_config
 
 CONF = PACKAGE / "conf"
 
@@ -73,3 +83,75 @@ def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path) -> None:
     assert len(after) == 4
     assert all(after[folder] == written for folder, written in before.items())
     assert done.stdout.count("already") == len(before)
+
+
+def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
+    """benchmarks/kill_training.py, which is to be run with more kills now and then."""
+    script = Path(__file__).parents[1] / "benchmarks" / "kill_training.py"
+    command = [sys.executable, script, "kills=2", "samples=1024", "seed=1", f"out={tmp_path / 'kills'}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 kills: at most" in done.stdout
+    assert "all went on" in done.stdout
+
+
+def test_a_run_without_a_checkpoint_yet_is_begun_anew_by_resume(tmp_path: Path) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=128", "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    shutil.rmtree(tmp_path / "run" / "checkpoints")
+    done = program("train", "resume=run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "no checkpoint yet: beginning anew" in done.stdout
+    assert [int(folder.name) for folder in checkpoint_dirs(tmp_path / "run")] == [128]
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ({}, "'task' is missing"),
+        ({"task": 3}, "'task' must be a mapping"),
+        ({"task": {}, "task_file": 1}, "'task_file'"),
+    ],
+)
+def test_a_configuration_that_is_none_is_a_sentence(data, sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ValueError, match=f"config.yaml: {sentence}"):
+        run_config(tmp_path)
+
+
+def test_two_trainings_in_one_directory_are_refused(tmp_path: Path) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=128", "hydra.run.dir=run"]
+    (tmp_path / "run").mkdir()
+    with alone(tmp_path / "run"):
+        done = program("train", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "run: another process is training there." in done.stderr
+
+
+def test_a_training_with_rewards_that_are_none_stops_with_a_sentence_and_keeps_its_weights(
+    tmp_path: Path, monkeypatch
+) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=6400", "checkpoint_interval=128", "hydra.run.dir=run"]
+    arguments += ["policy_average=null"]
+    step, rows = BatchEnv.step, iter(range(10**6))
+
+    def spoilt(self: BatchEnv, *given: Any) -> StepResult:
+        result = step(self, *given)
+        return replace(
+            result, reward=result.reward * (np.nan if next(rows) >= 16 else 1.0)
+        )  # from the second rollout on
+
+    monkeypatch.setattr(BatchEnv, "step", spoilt)
+    with pytest.warns(UserWarning, match="undone: a reward of the rollout is not finite") as caught:
+        done = program("train", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "stopped at step 1408: 10 updates in a row were undone, the last because a reward" in done.stderr
+    assert len([w for w in caught if "undone" in str(w.message)]) == 9
+    first, *_, last = (load_file(folder / "policy.safetensors") for folder in checkpoint_dirs(tmp_path / "run"))
+    assert all(th.equal(first[name], last[name]) for name in first)
+
+    monkeypatch.setattr(BatchEnv, "step", step)
+    again = program("train", "resume=run", "total_timesteps=1536", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert "resumed at step 1280" in again.stdout
+    assert read_log(tmp_path / "run" / "progress.csv")["train/undone_updates"][-1] == 9

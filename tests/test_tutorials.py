@@ -133,9 +133,7 @@ def plain(line: str) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
-def test_a_page_can_be_followed(
-    page: Path, tmp_path: Path, install: Install, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_can_be_followed(page: Path, tmp_path: Path, install: Install, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     ignored = shutil.ignore_patterns("__pycache__", "build", "*.egg-info")

@@ -18,6 +18,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from programs import program
 from test_player import flat, still_player
 
 from ogmp_sb3.config import load_task
@@ -222,3 +223,19 @@ def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tm
         until(lambda: viewer.player.frame.time == 0.0)
     finally:
         browser.close()
+
+
+def test_by_default_only_this_machine_can_open_the_page(tmp_path: Path, monkeypatch) -> None:
+    """By the addresses that the kernel says this process listens on."""
+    begun: list[Viewer] = []
+    monkeypatch.setattr(Viewer, "run", lambda viewer: begun.append(viewer))
+    done = program("play", "task=dive", "port=0", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (viewer,) = begun
+    port = f"{viewer.server.get_port():04X}"
+    listening = []
+    for table in ("/proc/self/net/tcp", "/proc/self/net/tcp6"):
+        rows = [line.split() for line in Path(table).read_text().splitlines()[1:]] if Path(table).is_file() else []
+        listening += [row[1].split(":")[0] for row in rows if row[1].endswith(f":{port}") and row[3] == "0A"]
+    viewer.server.stop()
+    assert listening == ["0100007F"]  # 127.0.0.1

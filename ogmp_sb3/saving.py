@@ -1,0 +1,216 @@
+"""When a training saves itself, and what of it is kept: checkpoints, the best policy, and nothing half done."""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from ogmp_sb3.averaging import PolicyAverage
+from ogmp_sb3.checkpoints import (
+    checkpoint_dirs,
+    checkpoint_info,
+    copy_policy,
+    load_trainer,
+    policy_weights,
+    save_checkpoint,
+    try_checkpoint,
+)
+from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
+from ogmp_sb3.recipe import TrainConfig
+from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.schema import Where, read
+from ogmp_sb3.storage import reason, remove, tidy
+from ogmp_sb3.trainer import check_numbers
+from ogmp_sb3.unstable import FOLDER as UNSTABLE
+
+BEST = "best"  # in a run directory: the best policy so far
+CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
+
+
+class StopTraining(Exception):
+    """Raised between two updates after Ctrl-C or SIGTERM."""
+
+
+class Checkpoints(BaseCallback):
+    """Saves between updates: every ``checkpoint_interval`` samples, and when asked to stop.
+
+    :param run_dir: the run directory
+    :param config: the run
+    :param info: goes into every policy.json
+    :param statistics: of the logs, saved with every checkpoint
+    :param unstable: counts the simulations that failed, also saved
+    :param average: whose weights are those of the policy that is kept; None: the last ones are
+    """
+
+    def __init__(
+        self,
+        run_dir: Path,
+        config: TrainConfig,
+        info: dict[str, Any],
+        statistics: EpisodeStatistics,
+        unstable: UnstableSteps,
+        average: PolicyAverage | None = None,
+    ) -> None:
+        super().__init__()
+        self.run_dir, self.config, self.info = run_dir, config, info
+        self.statistics, self.unstable, self.average = statistics, unstable, average
+        self.best, self.best_at = -math.inf, 0  # score, and the samples it was reached at
+        self.kept_at: int | None = None  # samples of the last checkpoint that was written
+        self.stop_requested = False
+
+    def request_stop(self, signum: int, frame: FrameType | None) -> None:
+        """Signal handler: finish the update, save, stop."""
+        if self.stop_requested:
+            raise KeyboardInterrupt
+        self.stop_requested = True
+        print("\nStopping after this update; press Ctrl-C again to quit at once.", file=sys.stderr)
+
+    def _on_training_start(self) -> None:
+        self.tried_at = self.num_timesteps
+        assert isinstance(self.model, RecurrentPPO)
+        try:
+            try_checkpoint(self.model, self._folder(self.num_timesteps))
+        except OSError as error:
+            raise ValueError(f"{self.run_dir}: no checkpoint can be written there ({reason(error)}).") from None
+
+    def _on_rollout_start(self) -> None:
+        if self.stop_requested:
+            raise StopTraining
+        if self.num_timesteps - self.tried_at >= self.config.checkpoint_interval:
+            try:
+                self.save()
+            except OSError as error:
+                last = "there is none yet" if self.kept_at is None else f"the last one is of step {self.kept_at}"
+                warnings.warn(
+                    f"{self._folder(self.num_timesteps)}: not written ({reason(error)}); the training goes on, {last}.",
+                    stacklevel=2,
+                )
+
+    def _on_step(self) -> bool:
+        return True
+
+    def save(self) -> None:
+        """Write a checkpoint, drop the oldest beyond ``keep_checkpoints``, and keep the best apart.
+
+        :raises OSError: if it cannot be written; then everything before it is still there
+        """
+        model = self.model
+        assert isinstance(model, RecurrentPPO)
+        steps, score = model.num_timesteps, _score(model)
+        self.tried_at = steps
+        if steps == self.kept_at:
+            return
+        is_best = score > self.best
+        best, best_at = (score, steps) if is_best else (self.best, self.best_at)
+        folder = self._folder(steps)
+        statistics = {**self.statistics.state(), "best": best, "best_at": best_at}
+        statistics["unstable_episodes"] = self.unstable.count
+        info = {**self.info, "num_timesteps": steps, "return": mean_return(model)}
+        try:
+            save_checkpoint(model, folder, info, statistics, self.average.weights if self.average else None)
+            self.best, self.best_at, self.kept_at = best, best_at, steps
+            if is_best:
+                copy_policy(folder, self.run_dir / BEST)
+        except OSError:
+            tidy_run(self.run_dir)
+            raise
+        for old in checkpoint_dirs(self.run_dir)[: -self.config.keep_checkpoints]:
+            remove(old)
+
+    def save_last(self) -> None:
+        """Write the checkpoint that a run ends with.
+
+        :raises ValueError: if it cannot be written
+        """
+        try:
+            self.save()
+        except OSError as error:
+            raise ValueError(
+                f"{self._folder(self.num_timesteps)}: not written ({reason(error)}). Make room, then go on with:  "
+                f"ogmp-train resume={self.run_dir}"
+            ) from None
+
+    def restore(self, checkpoint: Path) -> None:
+        """Go on from a checkpoint. Newer ones, which are damaged, are set aside; a best policy that a kill has kept
+        from being copied is copied.
+
+        :raises ValueError: if the checkpoint is damaged or does not fit
+        """
+        assert isinstance(self.model, RecurrentPPO)
+        statistics, where = load_trainer(self.model, checkpoint), Where(str(checkpoint / "trainer.json"), "statistics")
+        entries = {"sums": dict[str, Any], "causes": dict[str, int], "restarts": dict[str, int]}
+        counted = {key: entry(statistics, key, kind, where) for key, kind in entries.items()}
+        try:
+            check_numbers(counted["sums"], where / "sums")
+        except TypeError as error:
+            raise ValueError(str(error)) from None
+        self.statistics.set_state(counted)
+        self.best = entry(statistics, "best", float, where)
+        if self.average is not None:
+            self.average.weights = policy_weights(checkpoint)
+        given = {"unstable_episodes": 0, "best_at": 0, **statistics}  # older checkpoints have neither
+        self.unstable.count, self.best_at = (entry(given, key, int, where) for key in ("unstable_episodes", "best_at"))
+        self.kept_at = int(checkpoint.name)
+        for folder in checkpoint_dirs(self.run_dir):
+            if folder.name > checkpoint.name:
+                aside = folder.with_name(f"damaged-{folder.name}")
+                remove(aside)
+                folder.rename(aside)
+        if self.best_at == self.kept_at and _samples(self.run_dir / BEST) != self.best_at:
+            copy_policy(checkpoint, self.run_dir / BEST)
+
+    def _folder(self, steps: int) -> Path:
+        return self.run_dir / "checkpoints" / f"{steps:012d}"
+
+
+def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:
+    """A value of plain data, checked.
+
+    :raises ValueError: if it is missing or not of the kind
+    """
+    if key not in data:
+        raise ValueError(f"{where / key} is missing.")
+    try:
+        return read(kind, data[key], where / key)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+def _samples(folder: Path) -> Any:
+    """The samples of a policy; None if there is none that can be read."""
+    try:
+        return checkpoint_info(folder).get("num_timesteps")
+    except ValueError:
+        return None
+
+
+def tidy_run(run_dir: Path) -> None:
+    """Put right what a kill or a full disk has left in a run directory."""
+    for folder, names in (
+        (run_dir, BEST),
+        (run_dir, CONFIG),
+        (run_dir / "checkpoints", "*"),
+        (run_dir / UNSTABLE, "*"),
+    ):
+        tidy(folder, names)
+
+
+def mean_return(model: RecurrentPPO) -> float:
+    """Mean return of the last episodes; -1e9 before the first one has ended, or where a reward was not finite."""
+    returns = [episode["r"] for episode in model.ep_info_buffer or []]
+    mean = float(np.mean(returns)) if returns else -1e9
+    return mean if math.isfinite(mean) else -1e9
+
+
+def _score(model: RecurrentPPO) -> float:
+    """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
+    levels = [episode["level"] for episode in model.ep_info_buffer or []]
+    level = round(float(np.mean(levels)), 1) if levels else 0.0
+    return level * model.env.batch.task.episode_steps + mean_return(model)  # type: ignore[union-attr]

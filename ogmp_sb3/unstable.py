@@ -1,0 +1,166 @@
+"""Control steps in which a simulation failed: kept as they began, and stepped once more to see why.
+
+A file holds arrays and plain data as safetensors: the state before the step, the action, the terrain, the robot as it
+was varied, the task, and where all this comes from. Physics are deterministic, so the step fails again.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from ogmp_sb3.config import task_from_data
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.schema import Where, read
+from ogmp_sb3.sim import Simulation
+
+FOLDER = "unstable"  # in a run directory
+MOST = 20  # files in it
+FORMAT = 1
+KEY = "ogmp"  # of the plain data in a file
+VARIED = ("mass", "friction", "gains")
+REASONS = {
+    "mjWARN_INERTIA": "the inertia matrix is close to singular",
+    "mjWARN_CONTACTFULL": "too many contacts",
+    "mjWARN_CNSTRFULL": "too many constraints",
+    "mjWARN_BADQPOS": "a position is not finite or huge",
+    "mjWARN_BADQVEL": "a velocity is not finite or huge",
+    "mjWARN_BADQACC": "an acceleration is not finite or huge",
+    "mjWARN_BADCTRL": "a control is not finite or huge",
+}
+
+
+@dataclass(frozen=True)
+class UnstableStep:
+    """A control step in which one simulation failed."""
+
+    state: np.ndarray
+    """MuJoCo's integration state before it, with the controls, shape (size,)"""
+    terrain: np.ndarray
+    """shape (boxes, 5)"""
+    action: np.ndarray
+    """as the policy gave it, shape (joints,)"""
+    varied: dict[str, float]
+    """mass, friction and gains of the robot, as :meth:`~ogmp_sb3.sim.Simulation.vary` takes them"""
+    info: dict[str, Any]
+    """plain data: environment, control step, curriculum level, modes so far; and what the one who saves it adds"""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What became of a step that was taken once more."""
+
+    substeps: int
+    """physics steps of the control step"""
+    failed_at: int | None
+    """the first physics step behind which the simulation had failed, from 1; None: it did not"""
+    reasons: list[str]
+    """what MuJoCo said, or what is not finite"""
+    height: float
+    """of the base before the step, m"""
+    fastest: tuple[str, float]
+    """the joint that moved fastest before the step, and how fast, rad/s"""
+
+
+def capture(env: BatchEnv, row: int, action: np.ndarray) -> UnstableStep:
+    """The last step of an environment, of which nothing has been reset yet.
+
+    :param action: shape (joints,)
+    """
+    return UnstableStep(
+        state=env.sim.before[row].copy(),
+        terrain=env.terrain[row].copy(),
+        action=np.array(action, dtype=float),
+        varied={name: float(value[0]) for name, value in env.disturbances.robots(np.array([row])).items()},
+        info={
+            "environment": row,
+            "control_step": int(env.step_count[row]),
+            "level": float(env.level[row]),
+            "modes": [[call.name, call.parameters] for call in env.modes[row]],
+        },
+    )
+
+
+def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
+    """Write a step.
+
+    :param info: plain data to add; ``task`` and ``task_file``, without which it cannot be replayed, among it
+    :raises OSError: if the file cannot be written
+    """
+    arrays = {"state": step.state, "terrain": step.terrain, "action": step.action}
+    plain = {"format": FORMAT, **step.info, "varied": step.varied, **info}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_bytes(save(arrays, {KEY: json.dumps(plain)}))
+    temporary.replace(path)
+
+
+def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
+    """Read what :func:`save_step` wrote, with its task.
+
+    :raises ValueError: if the file is damaged or missing
+    """
+    try:
+        with safe_open(path, "numpy") as file:
+            plain = json.loads((file.metadata() or {})[KEY])
+            arrays = {name: file.get_tensor(name) for name in ("state", "terrain", "action")}
+        where = Where(str(path))
+        if read(int, plain["format"], where / "format") != FORMAT:
+            raise ValueError(f"format {plain['format']}, expected {FORMAT}")
+        task = task_from_data(
+            read(dict[str, Any], plain["task"], where / "task"),
+            Path(read(str, plain["task_file"], where / "task_file")),
+        )
+        read(dict[str, str], plain.get("versions", {}), where / "versions")
+        varied = {name: read(float, plain["varied"][name], where / name) for name in VARIED if name in plain["varied"]}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
+        raise ValueError(f"{path}: not readable as a step that failed ({' '.join(str(error).split())}).") from None
+    return UnstableStep(**arrays, varied=varied, info=plain), task
+
+
+def replay(step: UnstableStep, task: TaskConfig) -> Replay:
+    """Take a step once more, one physics step after another.
+
+    :raises ValueError: if the step is not of this task's robot and track
+    """
+    sim = Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, threads=1)
+    row, joints = np.array([0]), task.robot_config.joints
+    for name, found, shape in (
+        ("state", step.state, sim.batch.state[0].shape),
+        ("terrain", step.terrain, (task.track.boxes, 5)),
+        ("action", step.action, (len(joints),)),
+    ):
+        if found.shape != shape:
+            raise ValueError(f"'{name}' has the shape {found.shape}; the task's robot and track need {shape}.")
+    sim.vary(row, **{name: np.array([value]) for name, value in step.varied.items()})
+    sim.set_terrain(row, step.terrain[None])
+    sim.place(row, np.zeros((1, 3)), np.array(task.robot_config.nominal_joints))
+    sim.batch.state[0] = step.state
+    speeds = np.abs(np.nan_to_num(sim.qvel[0, sim.joint_qvel], nan=np.inf))
+    fastest = int(speeds.argmax())
+    height = float(sim.qpos[0, sim.base_qpos + 2])
+    failed_at, reasons = None, []
+    for substep in range(1, task.substeps + 1):
+        sim.step(None, 1)
+        if sim.unstable()[0]:
+            failed_at, reasons = substep, _reasons(sim)
+            break
+    return Replay(task.substeps, failed_at, reasons, height, (joints[fastest], float(speeds[fastest])))
+
+
+def _reasons(sim: Simulation) -> list[str]:
+    """What is wrong, in words, with the joint it is about."""
+    said = []
+    for kind, index in sim.complaints(0):
+        about = ""
+        if kind in ("mjWARN_BADQVEL", "mjWARN_BADQACC"):
+            about = f" ({sim.model.joint(int(sim.model.dof_jntid[index])).name or 'base'})"
+        said.append(f"{REASONS.get(kind, kind)}{about}")
+    return said or ["the state is not finite"]

@@ -1,0 +1,49 @@
+"""A learner of seconds: a small network on a few environments, trained a little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+
+from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.config import TASKS_DIR, task_from_data
+from ogmp_sb3.policy import policy_kwargs
+from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.schema import read_yaml
+
+STEPS, ENVS = 8, 2
+ROLLOUT = STEPS * ENVS
+PATH = TASKS_DIR / "dive.yaml"
+
+
+def task_data(**changes: Any) -> dict[str, Any]:
+    return {**read_yaml(PATH), **changes}
+
+
+def policy_info() -> dict[str, Any]:
+    """What a training writes into policy.json."""
+    return {"task": task_data(), "task_file": str(PATH), "seed": 0, "versions": {"mujoco": "3"}}
+
+
+def learner(seed: int = 0, hidden: int = 8, envs: int = ENVS, **changes: Any) -> tuple[RecurrentPPO, BaseCallback]:
+    """A learner before its first rollout, and a callback that does nothing."""
+    env = OgmpVecEnv(task_from_data(task_data(**changes), PATH), envs, seed, threads=1)
+    kwargs = policy_kwargs(env.batch.observation_scale, lstm_hidden_size=hidden, n_lstm_layers=1)
+    settings: dict[str, Any] = {"n_steps": STEPS, "batch_size": ROLLOUT, "n_epochs": 1, "seed": seed}
+    model = RecurrentPPO("MlpLstmPolicy", env, device="cpu", policy_kwargs=kwargs, **settings)
+    _, callback = model._setup_learn(10**6)
+    model.set_logger(Logger(None, []))
+    return model, callback
+
+
+def update(model: RecurrentPPO, callback: BaseCallback, times: int = 1) -> None:
+    for _ in range(times):
+        model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
+        model.train()
+
+
+def whole(folder: Path) -> bool:
+    return (folder / "policy.safetensors").is_file() and (folder / "policy.json").is_file()

@@ -1,0 +1,113 @@
+"""The logs of a training: numbers that can be read again, whatever happened while they were written."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+from faults import NO_SPACE
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from ogmp_sb3.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows
+
+
+def row(step: int, **more: float) -> dict[str, float]:
+    return {STEP_COLUMN: step, **more}
+
+
+def steps(path: Path) -> list[int]:
+    return [int(found[STEP_COLUMN]) for found in read_rows(path)]
+
+
+def test_rows_are_read_as_they_were_written(tmp_path: Path) -> None:
+    writer = CsvWriter(tmp_path / "progress.csv")
+    writer.write(row(16, a=1.5), {})
+    writer.write(row(32, b=2.5), {"b": ("csv",)})
+    writer.write(row(48, c=3.5), {})
+    assert read_rows(tmp_path / "progress.csv") == [
+        {"a": "1.5", "c": "", STEP_COLUMN: "16"},
+        {"a": "", "c": "", STEP_COLUMN: "32"},
+        {"a": "", "c": "3.5", STEP_COLUMN: "48"},
+    ]
+
+
+def test_a_row_that_was_cut_off_at_any_place_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "progress.csv"
+    writer = CsvWriter(path)
+    writer.write(row(16, a=1.5), {})
+    before = len(path.read_bytes())
+    writer.write(row(32, a=2.5), {})
+    content = path.read_bytes()
+    for length in range(before, len(content) - 1):
+        path.write_bytes(content[:length])
+        assert steps(path) == [16]
+        again = CsvWriter(path, resumed_at=16)
+        again.write(row(32, a=2.5), {})
+        assert steps(path) == [16, 32]
+
+
+def test_a_resumed_log_drops_what_is_run_again_and_an_empty_one_is_fine(tmp_path: Path) -> None:
+    path = tmp_path / "progress.csv"
+    CsvWriter(path)
+    CsvWriter(path, resumed_at=10).write(row(16), {})
+    for step in (32, 48):
+        CsvWriter(path, resumed_at=step - 16).write(row(step), {})
+    CsvWriter(path, resumed_at=32)
+    assert steps(path) == [16, 32]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"\x00\x01\n", b"\xff\xfe\n", b"a,b\n1,2\n", b"time/total_timesteps\nmany\n", b"time/total_timesteps\n1,2\n"],
+)
+def test_a_log_that_is_none_is_a_sentence_and_is_left_as_it_is(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "progress.csv"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"progress.csv: not readable as a log of numbers") as caught:
+        CsvWriter(path, resumed_at=16)
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == content
+
+
+def test_a_row_that_finds_no_room_comes_with_the_next_one(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "progress.csv"
+    writer = CsvWriter(path)
+    writer.write(row(16, a=1), {})
+
+    def half(self: CsvWriter, new: dict[str, float]) -> None:
+        with path.open("a") as file:
+            file.write("2.5,3")
+        raise NO_SPACE
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CsvWriter, "_append", half)
+        with pytest.warns(UserWarning, match=r"progress.csv: a row could not be written \(No space left on device\)"):
+            writer.write(row(32, a=2), {})
+    assert steps(path) == [16]
+    writer.write(row(48, a=3), {})
+    assert steps(path) == [16, 32, 48]
+
+
+def test_tensorboard_has_every_number_but_what_found_no_room(tmp_path: Path, monkeypatch) -> None:
+    writer = TensorBoardWriter(tmp_path)
+
+    def half(**content: object) -> None:
+        writer._file.write(b"half an event")
+        raise NO_SPACE
+
+    for step in range(16, 96, 16):
+        with warnings.catch_warnings(record=True) as caught, monkeypatch.context() as patch:
+            warnings.simplefilter("always")
+            if step == 32:
+                patch.setattr(writer, "_add", half)
+            writer.write({"a": float(step), "words": "no number", "b": 1}, {"b": ("tensorboard",)}, step)
+        assert len(caught) == (step == 32)
+    writer.close()
+    again = TensorBoardWriter(tmp_path, resumed_at=64)
+    again.write({"a": 640.0}, {}, 80)
+    again.close()
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    assert events.Tags()["scalars"] == ["a"]
+    assert [(event.step, event.value) for event in events.Scalars("a")] == [(16, 16), (48, 48), (64, 64), (80, 640)]
