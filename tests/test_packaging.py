@@ -46,7 +46,7 @@ LAYERS = (
     {"plotting", "plotting_training", "logs", "cli", "episodes", "zoo", "player", "stage"},
     {"training", "robustness", "epsilon", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
-    | {"report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
+    | {"overrides", "report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 
