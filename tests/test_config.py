@@ -159,7 +159,7 @@ MISTAKES = [
     # time and limits
     ("control_dt", 0.031, ValueError, "control_dt / physics_dt must be a whole number"),
     ("control_dt", 0.03 * MAX_SUBSTEPS, ValueError, f"must be a whole number below {MAX_SUBSTEPS}"),
-    ("control_dt", 1e308, ValueError, "control_dt / physics_dt must be a whole number"),
+    ("control_dt", 1e308, ValueError, "'control_dt' is too large: numbers lie between -1e+12 and 1e+12, found 1e+308"),
     ("control_dt", 0, ValueError, "'control_dt' must be above 0, found 0"),
     ("physics_dt", 0.06, ValueError, "found 0.03 / 0.06 = 0.5"),
     ("physics_dt", 1e-320, ValueError, "control_dt / physics_dt must be a whole number"),

@@ -359,7 +359,7 @@ def test_an_action_is_an_offset_of_the_nominal_pose_in_rad() -> None:
 
 
 def test_a_number_of_environments_below_one_is_an_error() -> None:
-    with pytest.raises(ValueError, match="'num_envs' must be at least 1, found 0"):
+    with pytest.raises(ValueError, match="'num_envs' must be at least 1 and at most 100,000, found 0"):
         BatchEnv(load_task("parkour"), 0)
 
 
