@@ -173,7 +173,7 @@ def test_an_episode_ends_by_the_bound_if_and_only_if_the_deviation_exceeds_rho(n
 
 @pytest.mark.parametrize("name", TASKS)
 def test_every_other_cause_is_what_the_step_shows(name: str) -> None:
-    task = at_full_level(load_task(name, {"rho": None, "episode_steps": 40}))
+    task = at_full_level(load_task(name, {"rho": None, "episode_steps": 40, "min_step_reward": 0.5}))
     task = replace(task, terminations={"fall": {"min_height": 0.4}})
     env = BatchEnv(task, 4, SEED, threads=1)
     env.reset()
