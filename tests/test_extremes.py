@@ -12,6 +12,7 @@ from programs import program
 
 from ogmp_sb3 import load_task
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
+from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.terrain import NOTHING, height_at
 
@@ -126,6 +127,13 @@ def test_ten_thousand_environments_step() -> None:
     assert observation.shape == (10_000, env.observation_space.shape[0])
     assert np.isfinite(observation).all() and np.isfinite(reward).all()
     assert len(infos) == len(done) == 10_000
+
+
+def test_minibatches_of_one_sample_leave_the_policy_finite(tmp_path: Path) -> None:
+    sizes = ["num_envs=2", "ppo.n_steps=1", "ppo.batch_size=1", "ppo.lstm_hidden_size=8", "total_timesteps=8"]
+    done = program("train", "task=dive", *sizes, "hydra.run.dir=run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert all(weights.isfinite().all() for weights in load_policy(tmp_path / "run").policy.parameters())
 
 
 REFUSED = [
