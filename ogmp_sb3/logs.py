@@ -114,7 +114,7 @@ class EpisodeStatistics(BaseCallback):
         for cause, count in self.causes.items():
             self.logger.record(f"termination/{cause}", count / episodes)
         self.sums, self.causes = {}, {}
-        self.model.dump_logs()  # type: ignore[attr-defined]
+        self.model.dump_logs()
 
 
 class ProgressBar(BaseCallback):

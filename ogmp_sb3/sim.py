@@ -203,12 +203,15 @@ class Simulation:
 
     def body_contact(self) -> np.ndarray:
         """Whether anything but a foot touches the terrain, shape (num_envs,), bool."""
-        return (self._sensors[:, self._body_contacts] > 0).any(axis=1)
+        touching: np.ndarray = (self._sensors[:, self._body_contacts] > 0).any(axis=1)
+        return touching
 
     def unstable(self) -> np.ndarray:
         """Simulations that MuJoCo warned about since they were placed, or that are not finite, shape (num_envs,)."""
         finite = np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1)
-        return ~finite | (self._warning_counts() != self._warnings_seen)
+        found: np.ndarray = ~finite | (self._warning_counts() != self._warnings_seen)
+        return found
 
     def _warning_counts(self) -> np.ndarray:
-        return np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)
+        counts: np.ndarray = np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)
+        return counts

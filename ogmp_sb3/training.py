@@ -109,7 +109,8 @@ def _score(model: RecurrentPPO) -> float:
     """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
     levels = [episode["level"] for episode in model.ep_info_buffer or []]
     level = round(float(np.mean(levels)), 1) if levels else 0.0
-    return level * model.env.batch.task.episode_steps + _mean_return(model)  # type: ignore[union-attr]
+    steps: int = model.env.batch.task.episode_steps  # type: ignore[union-attr]
+    return level * steps + _mean_return(model)
 
 
 def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path) -> float:
