@@ -121,7 +121,9 @@ class OgmpVecEnv(VecEnv):
         return observation, result.reward.astype(np.float32), dones, infos
 
     def _x(self) -> np.ndarray:
-        return np.nan_to_num(self.batch.sim.qpos[:, self.batch.sim.base_qpos])  # finite also after an explosion
+        # Finite also after an explosion.
+        x: np.ndarray = np.nan_to_num(self.batch.sim.qpos[:, self.batch.sim.base_qpos])
+        return x
 
     def _add(self, **values: np.ndarray) -> None:
         for name, value in values.items():
@@ -231,7 +233,7 @@ class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             info,
         )
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> np.ndarray | None:
         """A picture of the robot, the oracle's plan and the ground that is laid, shape (height, width, 3), uint8.
 
         :return: None without a render mode

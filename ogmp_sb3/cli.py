@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import sys
+import typing
 from collections.abc import Callable
-from typing import Any, TypeVar
-
-import yaml
+from typing import Any, NoReturn, TypeVar
 
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read
+from ogmp_sb3.schema import Where, read, read_value
 
 C = TypeVar("C")
 
 TRUST = "true: also load an SB3 .zip, which can run any code; needs 'task'"  # help of a key of several programs
 ZIP_TASK = "of an SB3 .zip: what it was trained on, a name or a YAML file"
+MISTAKES = (ValueError, KeyError, TypeError, OSError, MemoryError)
+"""What a user's mistake is raised as, a file that cannot be written and a size that does not fit included."""
 
 
 def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, ...] = ()) -> tuple[C, list[str]]:
@@ -31,7 +32,7 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
     :raises TypeError: for a value of the wrong type
     :raises ValueError: for an argument that is not ``key=value``
     """
-    fields = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    fields = typing.get_type_hints(kind)
     values: dict[str, Any] = {}
     rest: list[str] = []
     for argument in arguments:
@@ -40,7 +41,7 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
             raise ValueError(f"'{argument}' must have the form key=value.")
         key = key.removeprefix("task.")
         if key in fields:
-            values[key] = _value(text)
+            values[key] = _value(text, fields[key])
         elif key.split(".")[0] in extra:
             rest.append(f"{key}={text}")
         else:
@@ -48,12 +49,15 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
     return read(kind, values, Where(program)), rest
 
 
-def _value(text: str) -> Any:
+def _value(text: str, kind: Any) -> Any:
+    """A value as a YAML file would have it; what must be text is text, whatever it looks like."""
+    inner = {str if typing.get_origin(k) is typing.Literal else k for k in typing.get_args(kind) or (kind,)}
+    if typing.get_origin(kind) is typing.Literal or inner <= {str, type(None)}:
+        return None if text == "null" and type(None) in inner else text
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
+        return read_value(text)
+    except ValueError:
         return text
-    return text if isinstance(value, dict) else value
 
 
 def usage(program: str, purpose: str, examples: list[str], kind: type[Any], extra: str = "") -> str:
@@ -86,11 +90,22 @@ def run(program: str, help_text: str, body: Callable[[list[str]], None]) -> None
         return
     try:
         body(arguments)
-    except (ValueError, KeyError, TypeError) as error:
-        print(f"{program}: {error.args[0] if error.args else error}", file=sys.stderr)
-        raise SystemExit(2) from None
+    except MISTAKES as error:
+        fail(program, error)
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+
+
+def fail(program: str, error: BaseException) -> NoReturn:
+    """End a program with one line about a mistake, and exit code 2."""
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}." if error.filename else f"{error.strerror}."
+    elif isinstance(error, MemoryError):
+        text = f"not enough memory. {error}"
+    else:
+        text = str(error.args[0] if error.args else error)
+    print(f"{program}: {' '.join(text.removeprefix(f'{program}: ').split())}", file=sys.stderr)
+    raise SystemExit(2) from None
 
 
 def task_keys(task: type[Any]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from ogmp_sb3.terrain import Plateau, empty_terrain, place
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
 KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
 REACH = 1.2  # m: terrain ahead of the base that is always there
+MAX_LOOKAHEAD = 100.0  # m: more is a slip of the pen
 MAX_SPANS = 24  # spans kept for each environment
 
 
@@ -80,7 +81,8 @@ class Course:
             assert self.task.horizon is not None
             return np.full(len(rows), self.task.horizon)
         ends = self.spans[rows, self._span_count[rows] - 1, END]
-        return np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
+        steps: np.ndarray = np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
+        return steps
 
     def mode_at(self, row: int, x: float) -> ModeCall:
         """The mode that a place on the track belongs to; in a timed task the present one.
@@ -182,4 +184,10 @@ def _extent(task: TaskConfig) -> tuple[bool, float, int]:
     ahead = max(speeds) * task.horizon * task.control_dt + 0.3
     scan = task.observations.get("height_scan") or {}
     seen = scan.get("points", 0) * scan.get("spacing", 0.0)
-    return False, max(REACH, ahead, seen), task.horizon
+    lookahead = max(REACH, ahead, seen)
+    if lookahead > MAX_LOOKAHEAD:
+        raise ValueError(
+            f"{task.file}: speeds in 'modes' times 'horizon', or 'observations.height_scan', reach {lookahead:g} m "
+            f"ahead; at most {MAX_LOOKAHEAD:g} m of the track are laid."
+        )
+    return False, lookahead, task.horizon

@@ -13,7 +13,9 @@ from ogmp_sb3.restarts import RestartConfig
 from ogmp_sb3.schema import Where, describe, read
 from ogmp_sb3.srb import SRB, STATE_NAMES
 
-MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen
+MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen, as are more of the next two
+MAX_HORIZON = 10_000  # control steps between queries
+MAX_BOXES = 1_000  # terrain boxes of each simulation
 
 
 def _positive(name: str, value: float) -> None:
@@ -173,6 +175,8 @@ class TrackConfig:
             _positive("length", self.length)
         if self.boxes < 2:
             raise ValueError(f"boxes must be at least 2, found {self.boxes}.")
+        if self.boxes > MAX_BOXES:
+            raise ValueError(f"boxes must be at most {MAX_BOXES}, found {self.boxes}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,6 +307,8 @@ class TaskConfig:
             raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
         if self.horizon is not None and self.horizon < 1:
             raise ValueError(f"'horizon' must be at least 1 control step or null, found {self.horizon}.")
+        if self.horizon is not None and self.horizon > MAX_HORIZON:
+            raise ValueError(f"'horizon' must be at most {MAX_HORIZON} control steps, found {self.horizon}.")
         if self.rho is not None and self.rho <= 0:
             raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
         _not_negative("bound", self.bound)

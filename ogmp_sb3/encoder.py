@@ -102,7 +102,8 @@ class AutoEncoder(nn.Module):
         """Latents of normalised features (n, knots + 1, 13), shape (n, 2)."""
         hidden, _ = self.encoder_in(features)
         latent, _ = self.encoder_out(th.relu(hidden))
-        return latent[th.arange(len(steps)), steps]
+        last: th.Tensor = latent[th.arange(len(steps)), steps]
+        return last
 
     def forward(self, features: th.Tensor, steps: th.Tensor) -> th.Tensor:
         """Reconstruction of normalised features, shape (n, knots + 1, 13)."""

@@ -27,6 +27,7 @@ from ogmp_sb3.view import EnvView, deviation, srb_state
 
 PLAN_ARRAYS = ("_reference", "_reference_quat", "_latent", "_period", "_phase")
 STATE_ARRAYS = (*PLAN_ARRAYS, "step_count", "level", "_ended", "restarted")
+MAX_ENVS = 100_000  # more is a slip of the pen
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
@@ -76,8 +77,8 @@ class BatchEnv:
     """
 
     def __init__(self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0) -> None:
-        if num_envs < 1:
-            raise ValueError(f"'num_envs' must be at least 1, found {num_envs}.")
+        if not 1 <= num_envs <= MAX_ENVS:
+            raise ValueError(f"'num_envs' must be at least 1 and at most {MAX_ENVS:,}, found {num_envs}.")
         self.task, self.num_envs = task, num_envs
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.course = Course(task, num_envs)
@@ -137,6 +138,8 @@ class BatchEnv:
 
     def seed_row(self, row: int, seed: int) -> None:
         """Give one row a generator of its own, and start its curriculum anew."""
+        if seed < 0:
+            raise ValueError(f"'seed' must be at least 0, found {seed}.")
         self._rng[row] = np.random.default_rng(seed)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
@@ -355,7 +358,8 @@ class BatchEnv:
         which = np.full(self.num_envs, len(rules))
         for i, (_, mask) in reversed(list(enumerate(rules))):
             which[mask] = i
-        return np.array([*(name for name, _ in rules), RUNNING])[which]
+        ended: np.ndarray = np.array([*(name for name, _ in rules), RUNNING])[which]
+        return ended
 
     def _signals(self, view: EnvView, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Values and scales of the observation, as the sensors of some environments (by default all) give it."""
@@ -368,7 +372,7 @@ class BatchEnv:
 
     def _observe(self, view: EnvView, rows: np.ndarray | None = None) -> np.ndarray:
         value, scale = self._signals(view, rows)
-        observation = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
+        observation: np.ndarray = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
         observation[~np.isfinite(observation)] = 0.0  # of a simulation that exploded
         return observation
 

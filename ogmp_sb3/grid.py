@@ -10,8 +10,10 @@ import numpy as np
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.schema import GREATEST
 
 POINTS = 7  # of an axis, if not given
+MAX_POINTS = 100  # of an axis
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,8 @@ def _axis(text: str, task: TaskConfig, points: int) -> tuple[str, str, np.ndarra
         low, high = range_.beyond()
     except ValueError:
         raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:points.") from None
+    if not (0.0 <= low <= high <= GREATEST and 1 <= points <= MAX_POINTS):
+        raise ValueError(f"grid: '{text}' needs 0 <= low <= high and 1 to {MAX_POINTS} points.")
     return mode, parameter, np.round(np.linspace(low, high, points), 4)
 
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import yaml
 from rich.console import Console
 from rich.table import Table
 
@@ -22,7 +21,7 @@ from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, read_sweep
-from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.schema import Where, read, read_value, read_yaml
 
 SEARCHES = PACKAGE / "conf" / "search"
 SCORES = "halving.jsonl"  # in the directory of the search
@@ -60,8 +59,10 @@ def search(name: str, arguments: list[str], multirun: Callable[[list[str]], obje
         raise KeyError(f"unknown search '{name}'{did_you_mean(name, (p.stem for p in SEARCHES.glob('*.yaml')))}")
     config = read(SearchConfig, read_yaml(file), Where(str(file)))
     given = {key: value for key, sign, value in (argument.partition("=") for argument in arguments) if sign}
-    values = [_word(yaml.safe_load(v)) for v in given.get(config.key, ",".join(config.values)).split(",")]
-    total = int(given.get("total_timesteps", read_yaml(DEFAULTS)["total_timesteps"]))
+    values = [_word(_value(config.key, v)) for v in given.get(config.key, ",".join(config.values)).split(",")]
+    default = str(read_yaml(DEFAULTS)["total_timesteps"])
+    samples = _value("total_timesteps", given.get("total_timesteps", default))
+    total = read(int, samples, Where("ogmp-train", "total_timesteps"))
     folder = Path(given.get("hydra.sweep.dir", f"runs/search/{name}"))
     mine = (config.key, "total_timesteps", "hydra.sweep.dir")
     rest = [argument for argument in arguments if argument.partition("=")[0] not in mine]
@@ -96,6 +97,13 @@ def _score(job: Run, episodes: int) -> list[float]:
     task = replace(task, evaluation=replace(task.evaluation, metrics=("return",)))
     metrics = measure(loaded.policy, task, episodes, seed=0)["metrics"]
     return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
+
+
+def _value(key: str, text: str) -> object:
+    try:
+        return read_value(text)
+    except ValueError as error:
+        raise ValueError(f"'{key}={text}' has a value that is not YAML ({error}).") from None
 
 
 def _word(value: object) -> str:

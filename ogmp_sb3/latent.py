@@ -116,7 +116,7 @@ def copy_encoder(name_or_path: str, folder: Path) -> None:
         shutil.copy(source / name, folder / name)
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _encode(inputs, steps, wh1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
     rows, hidden, size = len(inputs), len(wh1), len(wh2)
     latent = np.zeros((rows, size))
@@ -133,7 +133,7 @@ def _encode(inputs, steps, wh1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
     return latent
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _add_product(gates, weights, x):  # type: ignore[no-untyped-def]
     """``gates += x weights``, in place; weights have shape (inputs, gates), so that the inner loop is contiguous."""
     for i in range(len(x)):
@@ -141,7 +141,7 @@ def _add_product(gates, weights, x):  # type: ignore[no-untyped-def]
             gates[j] += x[i] * weights[i, j]
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _lstm_step(gates, h, c):  # type: ignore[no-untyped-def]
     """One step of an LSTM, in place; gates in the order input, forget, cell, output, as in torch."""
     n = len(h)
@@ -152,7 +152,7 @@ def _lstm_step(gates, h, c):  # type: ignore[no-untyped-def]
         h[j] = o * _tanh(c[j])
 
 
-@numba.njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, fastmath=True)
 def _tanh(x):  # type: ignore[no-untyped-def]
     """tanh as a continued fraction, which the compiler can vectorise; the error is below 1e-6."""
     x = min(max(x, -8.0), 8.0)

@@ -218,7 +218,7 @@ class EpisodeStatistics(BaseCallback):
             self.logger.record("restart/share", restarts / (restarts + episodes))
             self.logger.record("restart/survived", self.restarts["survived"] / restarts)
         self._forget()
-        self.model.dump_logs()  # type: ignore[attr-defined]
+        self.model.dump_logs()
 
 
 class UnstableSteps(BaseCallback):

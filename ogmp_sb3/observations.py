@@ -12,6 +12,7 @@ from ogmp_sb3.terrain import height_at, scan_points
 from ogmp_sb3.view import EnvView
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
+MAX_POINTS = 1000  # of a terrain scan
 DEEPEST = 1.0  # m: ground further below the base's ground than this looks the same
 
 
@@ -78,8 +79,8 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
     :param points: how many, along +x of the world, the first under the base
     :param spacing: m
     """
-    if points < 1:
-        raise ValueError(f"observation 'height_scan' needs at least 1 of 'points', found {points}.")
+    if not 1 <= points <= MAX_POINTS:
+        raise ValueError(f"observation 'height_scan' needs 1 to {MAX_POINTS} of 'points', found {points}.")
     heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
     relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
     return Signal(relative, np.full(points, 0.1), (Part("height_scan", "m", points),))

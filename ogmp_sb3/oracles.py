@@ -202,7 +202,7 @@ def _mean_orientations(set_points: SetPoints) -> tuple[np.ndarray, list[Orientat
     return index, orientations
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-untyped-def]
     rows, knots = stance.shape
     state = np.empty((rows, knots + 1, 12))
@@ -218,7 +218,7 @@ def _simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-u
     return state
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type: ignore[no-untyped-def]
     rows, knots = stance.shape
     state = np.empty((rows, knots + 1, 12))
@@ -262,7 +262,7 @@ def _simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # typ
     return state
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # type: ignore[no-untyped-def]
     """:func:`_simulate_preview` for an upright body, whose six axes are double integrators of their own.
 

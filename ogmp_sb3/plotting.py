@@ -16,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.traces import Trace
@@ -66,7 +67,7 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
         values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a), len(b))
         mesh = axes.pcolormesh(a, b, values.T, shading="nearest", cmap="viridis", rasterized=True)
         (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
-        axes.add_patch(plt.Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
+        axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
         axes.set(title=grid["mode"], xlabel=first, ylabel=second)
         figure.colorbar(mesh)
     figure.suptitle(f"{metric} (black: trained on)", fontsize="medium")

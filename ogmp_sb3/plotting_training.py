@@ -28,7 +28,7 @@ def smoothed(values: np.ndarray, rows: int = SMOOTH) -> np.ndarray:
     weights = np.ones(min(rows, len(values)))
     count = np.convolve(known, weights, "same")
     total = np.convolve(np.where(known, values, 0.0), weights, "same")
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)  # type: ignore[no-any-return]
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def plot_training(

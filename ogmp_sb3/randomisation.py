@@ -127,7 +127,8 @@ class Disturbances:
         held = self._arrays["targets"]
         held[:, 1:] = held[:, :-1].copy()
         held[:, 0] = targets
-        return held[np.arange(len(held)), self._arrays["latency"].astype(int)]
+        due: np.ndarray = held[np.arange(len(held)), self._arrays["latency"].astype(int)]
+        return due
 
     def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Who is pushed at this control step.
@@ -161,7 +162,8 @@ class Disturbances:
         rows = np.arange(len(value)) if rows is None else rows
         # One generator for each environment, so that its noise does not depend on how many others there are.
         noise = np.stack([self._rng[row].standard_normal(len(scale)) for row in rows])
-        return value + self._arrays["sensor_noise"][rows, None] * scale * noise
+        measured: np.ndarray = value + self._arrays["sensor_noise"][rows, None] * scale * noise
+        return measured
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that was drawn, and the generators; empty if no disturbance is in use."""

@@ -28,7 +28,7 @@ class Range:
             raise TypeError(f"{where} must be {expected}, found {describe(data)}.")
         if isinstance(data, str):
             data = [data]
-        if isinstance(data, list | tuple) and data and all(isinstance(d, str) for d in data):
+        if isinstance(data, list | tuple) and data and all(isinstance(d, str) and d.isprintable() for d in data):
             if len(set(data)) < len(data):
                 raise ValueError(f"{where} has a word twice: {', '.join(data)}.")
             return cls(words=tuple(data))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 from dataclasses import asdict, dataclass
@@ -14,6 +15,28 @@ from ogmp_sb3.schema import Where, read, read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
+MAX_THREADS = 1024
+MAX_SEED = 2**32 - 1  # of numpy's global generator, which Stable-Baselines3 seeds
+PPO_RANGES: dict[str, tuple[float, float]] = {
+    "n_steps": (1, 1e5),
+    "batch_size": (1, math.inf),
+    "n_epochs": (1, 1e4),
+    "learning_rate": (0, 1),
+    "gamma": (0, 1),
+    "gae_lambda": (0, 1),
+    "ent_coef": (0, math.inf),
+    "vf_coef": (0, math.inf),
+    "lstm_hidden_size": (1, 4096),
+    "n_lstm_layers": (1, 16),
+}
+"""Least and greatest values; the sizes end where more is a slip of the pen."""
+
+
+def _check_range(name: str, value: float, low: float, high: float) -> None:
+    if value < low:
+        raise ValueError(f"'{name}' must be at least {low:g}, found {value:g}.")
+    if value > high:
+        raise ValueError(f"'{name}' must be at most {high:,.0f}, found {value:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +77,12 @@ class PPOConfig:
     """of actor and critic"""
 
     def __post_init__(self) -> None:
-        for name in ("n_steps", "batch_size", "n_epochs", "lstm_hidden_size", "n_lstm_layers"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        for name, (low, high) in PPO_RANGES.items():
+            _check_range(name, getattr(self, name), low, high)
+        for name in ("clip_range", "target_kl", "max_grad_norm"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
+                raise ValueError(f"'{name}' must be above 0, found {value:g}.")
         if self.chunk_length is not None and self.chunk_length < 1:
             raise ValueError(f"'chunk_length' must be at least 1 or null, found {self.chunk_length}.")
         if self.learning_rate <= 0:
@@ -70,7 +96,7 @@ class PPOConfig:
         """The learning rate after so many samples."""
         if self.learning_rate_half_life is None:
             return self.learning_rate
-        return self.learning_rate * 0.5 ** (samples / self.learning_rate_half_life)
+        return float(self.learning_rate * 0.5 ** (samples / self.learning_rate_half_life))
 
     def settings(self) -> dict[str, Any]:
         """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
@@ -109,12 +135,13 @@ class TrainConfig:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
         if self.policy_average is not None and self.policy_average < 1:
             raise ValueError(f"'policy_average' must be at least 1 or null, found {self.policy_average}.")
-        if self.seed < 0:
-            raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
+        _check_range("seed", self.seed, 0, MAX_SEED)
+        if self.ppo.n_steps * self.num_envs < 2:
+            raise ValueError("'ppo.n_steps' and 'num_envs' are 1: one sample is too few to learn from.")
         for name in ("torch_threads", "physics_threads"):
             setting = getattr(self, name)
-            if setting != "auto" and not (isinstance(setting, int) and setting >= 1):
-                raise ValueError(f"'{name}' must be auto or a whole number of at least 1, found {setting!r}.")
+            if setting != "auto" and not (isinstance(setting, int) and 1 <= setting <= MAX_THREADS):
+                raise ValueError(f"'{name}' must be auto or a whole number from 1 to {MAX_THREADS}, found {setting!r}.")
 
 
 def default_ppo() -> PPOConfig:

@@ -250,7 +250,7 @@ class RecurrentPPO(StockRecurrentPPO):
             actions = actions.long().flatten()
         log_prob, entropy = distribution.log_prob(actions), distribution.entropy()
         advantages = data["advantages"][batch.order]
-        if self.normalize_advantage:
+        if self.normalize_advantage and len(advantages) > 1:  # one alone has no deviation
             advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
         log_ratio = log_prob - data["log_probs"][batch.order]
         ratio = th.exp(log_ratio)
@@ -281,7 +281,8 @@ class RecurrentPPO(StockRecurrentPPO):
             values = old + th.clamp(values - old, -limit, limit)
         value_loss = ((data["returns"][batch.order] - values) ** 2).mean()
         (self.vf_coef * value_loss).backward()
-        return value_loss.detach()
+        loss: th.Tensor = value_loss.detach()
+        return loss
 
     def _log_update(self, logs: list[dict[str, th.Tensor]], clip_range: float) -> None:
         means = {name: th.stack([log[name] for log in logs]).mean().item() for name in logs[0]}

@@ -67,11 +67,12 @@ def span_array(rows: list[tuple[float, ...]]) -> np.ndarray:
     return spans
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
     """Add spans to one environment's, in place, and hold the last; spans that end behind ``keep_from`` go.
 
-    A span that would end before the one in front of it ends with it.
+    The last of those stays: where the span after it starts is known from its end alone. A span that would end before
+    the one in front of it ends with it.
 
     :param spans: shape (spans, SPAN_SIZE)
     :param count: how many of them are in use, without the held one
@@ -81,7 +82,7 @@ def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
     """
     kept = 0
     for i in range(count):
-        if spans[i, END] > keep_from:
+        if i + 1 == count or spans[i + 1, END] > keep_from:
             spans[kept] = spans[i]
             kept += 1
     if kept + len(new) >= len(spans):
@@ -124,7 +125,7 @@ def set_points(
     return SetPoints(state, stance, span, np.asarray(steps), blend=gait.cycle / dt)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _fill(spans, timed, x0, dt, height, cycle, state, stance, span):  # type: ignore[no-untyped-def]
     rows, knots = stance.shape
     count = spans.shape[1]
@@ -164,7 +165,7 @@ def _fill(spans, timed, x0, dt, height, cycle, state, stance, span):  # type: ig
                 y += spans[row, at_step, VY] * dt
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _times(spans, timed, x, start, end):  # type: ignore[no-untyped-def]
     """When each span starts and ends, s from now."""
     now, previous = 0.0, -FOREVER
@@ -178,7 +179,7 @@ def _times(spans, timed, x, start, end):  # type: ignore[no-untyped-def]
         end[i] = now
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _apex_left(spans, timed, i, duration):  # type: ignore[no-untyped-def]
     """Rise of the set-points over what is left of a span: that of a shorter flight."""
     if timed or spans[i, APEX] == 0.0:
@@ -187,7 +188,7 @@ def _apex_left(spans, timed, i, duration):  # type: ignore[no-untyped-def]
     return spans[i, APEX] * min(duration / max(whole, 1e-9), 1.0) ** 2
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _lift_off(spans, start, end, i):  # type: ignore[no-untyped-def]
     """The velocity that a flight of duration t which ends dh higher starts with, g t / 2 + dh / t; 0 elsewhere."""
     duration = end[i] - start[i]
@@ -196,7 +197,7 @@ def _lift_off(spans, start, end, i):  # type: ignore[no-untyped-def]
     return 0.5 * GRAVITY * duration + (spans[i, GROUND1] - spans[i, GROUND0]) / duration
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _vertical_velocity(spans, start, end, i, time):  # type: ignore[no-untyped-def]
     """The lift-off velocity of the coming flight in the stance before it, then ballistic; 0 elsewhere."""
     if spans[i, CONTACT] == STANCE and i + 1 < len(spans):
@@ -208,7 +209,7 @@ def _vertical_velocity(spans, start, end, i, time):  # type: ignore[no-untyped-d
     return 0.0
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _on_ground(contact, start, end, time, cycle):  # type: ignore[no-untyped-def]
     """Whether the feet are on the ground at a time within a span."""
     if contact != HOP:

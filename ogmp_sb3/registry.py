@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import typing
 from collections.abc import Callable, Iterable
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -20,6 +21,7 @@ from ogmp_sb3 import plugins
 from ogmp_sb3.plugins import NameTaken, Plugin
 
 T = TypeVar("T", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., Any])  # what is registered keeps its own type
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
@@ -47,14 +49,14 @@ class Registry(Generic[T]):
         self.arguments = arguments
         self._functions: dict[str, T] = {}
 
-    def register(self, name: str | None = None) -> Callable[[T], T]:
+    def register(self, name: str | None = None) -> Callable[[F], F]:
         """Decorator that registers a function under ``name``, by default its own.
 
         :raises NameTaken: if the name is taken
         :raises TypeError: if a YAML parameter has no annotation, by which its value is read
         """
 
-        def decorate(function: T) -> T:
+        def decorate(function: F) -> F:
             key = name or function.__name__
             if key in self._functions:
                 first, second = self._functions[key].__module__, function.__module__
@@ -62,7 +64,7 @@ class Registry(Generic[T]):
             for parameter in list(inspect.signature(function).parameters.values())[self.arguments :]:
                 if parameter.annotation is inspect.Parameter.empty:
                     raise TypeError(f"{self.kind} '{key}': the parameter '{parameter.name}' needs an annotation.")
-            self._functions[key] = function
+            self._functions[key] = typing.cast(T, function)
             return function
 
         return decorate

@@ -16,20 +16,23 @@ from ogmp_sb3.view import EnvView
 def position_tracking(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness ||p_ref - p||)``, the trunk's origin in metres, shape (num_envs,)."""
     error = np.linalg.norm(view.reference[:, 3:6] - view.base_pos_w, axis=1)
-    return weight * np.exp(-sharpness * error)
+    reward: np.ndarray = weight * np.exp(-sharpness * error)
+    return reward
 
 
 @rewards.register()
 def orientation_tracking(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness (1 - <q, q_ref>^2))``: the sine squared of half the error angle, shape (num_envs,)."""
     inner = np.einsum("ij,ij->i", view.base_quat, view.reference_quat)
-    return weight * np.exp(-sharpness * (1.0 - inner**2))
+    reward: np.ndarray = weight * np.exp(-sharpness * (1.0 - inner**2))
+    return reward
 
 
 @rewards.register()
 def torque_regulation(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness ||u||)``, u the PD torque before the limits in N m, shape (num_envs,)."""
-    return weight * np.exp(-sharpness * np.linalg.norm(view.torque, axis=1))
+    reward: np.ndarray = weight * np.exp(-sharpness * np.linalg.norm(view.torque, axis=1))
+    return reward
 
 
 @rewards.register()

@@ -28,7 +28,8 @@ def quat_multiply(a: Array, b: Array) -> Array:
 
 def quat_conjugate(q: Array) -> Array:
     """The inverse of a unit quaternion, shape (..., 4)."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    conjugate: np.ndarray = q * np.array([1.0, -1.0, -1.0, -1.0])
+    return conjugate
 
 
 def quat_rotate(q: Array, v: Array) -> Array:

@@ -213,4 +213,5 @@ def _score(model: RecurrentPPO) -> float:
     """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
     levels = [episode["level"] for episode in model.ep_info_buffer or []]
     level = round(float(np.mean(levels)), 1) if levels else 0.0
-    return level * model.env.batch.task.episode_steps + mean_return(model)  # type: ignore[union-attr]
+    steps: int = model.env.batch.task.episode_steps  # type: ignore[union-attr]
+    return level * steps + mean_return(model)

@@ -24,6 +24,7 @@ from ogmp_sb3.registry import did_you_mean
 T = TypeVar("T")
 
 LARGEST = 2**63  # whole numbers lie between this and its negative
+GREATEST = 1e12  # of numbers, either sign: nothing that is counted in m, s, kg, N or rad is greater
 LONGEST = 120  # characters of a value that a message shows
 # PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
 UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
@@ -158,6 +159,8 @@ def _read_scalar(kind: Any, data: Any, where: Where) -> Any:
         raise TypeError(f"{where} must be {words[kind]}, found {describe(data)}.")
     if kind is float and not math.isfinite(data):
         raise ValueError(f"{where} must be finite, found {data}.")
+    if kind is float and abs(data) > GREATEST:
+        raise ValueError(f"{where} is too large: numbers lie between -{GREATEST:g} and {GREATEST:g}, found {data:g}.")
     return data
 
 

@@ -146,10 +146,11 @@ def padded_lengths(length: np.ndarray) -> np.ndarray:
     :return: shape (sequences,), int
     """
     values, counts = np.unique(length, return_counts=True)
-    return values[_group_ends(values, counts, STEP_COST)][np.searchsorted(values, length)]
+    ends: np.ndarray = values[_group_ends(values, counts, STEP_COST)]
+    return ends[np.searchsorted(values, length)]
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _group_ends(values, counts, step_cost):  # type: ignore[no-untyped-def]
     """For each distinct length, the place of the longest of its group (dynamic programming over the last group)."""
     n = len(values)

@@ -219,7 +219,8 @@ class Simulation:
 
     def body_contact(self) -> np.ndarray:
         """Whether anything but a foot touches the terrain, shape (num_envs,), bool."""
-        return (self._sensors[:, self._body_contacts] > 0).any(axis=1)
+        touching: np.ndarray = (self._sensors[:, self._body_contacts] > 0).any(axis=1)
+        return touching
 
     def unstable(self) -> np.ndarray:
         """Simulations that MuJoCo failed in or warned about since they were placed, or that are not finite.
@@ -227,7 +228,8 @@ class Simulation:
         :return: shape (num_envs,), bool
         """
         finite = np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1)
-        return ~finite | self._failed | (self._warning_counts() != self._warnings_seen)
+        found: np.ndarray = ~finite | self._failed | (self._warning_counts() != self._warnings_seen)
+        return found
 
     def complaints(self, row: int) -> list[tuple[str, int]]:
         """What MuJoCo warned of in a simulation since it was placed: the kind, and the index it is about."""
@@ -236,4 +238,5 @@ class Simulation:
         return error + [(mujoco.mjtWarning(kind).name, int(found[kind, 0])) for kind in np.flatnonzero(found[:, 1])]
 
     def _warning_counts(self) -> np.ndarray:
-        return np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)
+        counts: np.ndarray = np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)
+        return counts

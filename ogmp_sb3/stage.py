@@ -164,22 +164,25 @@ def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     from trimesh import Trimesh, creation
 
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    mesh: Trimesh
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return creation.box(extents=2.0 * size)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return creation.cylinder(radius=size[0], height=2.0 * size[1])
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return creation.capsule(radius=size[0], height=2.0 * size[1])
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return creation.icosphere(radius=size[0])
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return creation.icosphere().apply_scale(size)
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
-        faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-        return Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
-    raise ValueError(f"a geom of kind {kind.name} cannot be drawn.")
+        mesh = creation.box(extents=2.0 * size)
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        mesh = creation.cylinder(radius=size[0], height=2.0 * size[1])
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        mesh = creation.capsule(radius=size[0], height=2.0 * size[1])
+    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        mesh = creation.icosphere(radius=size[0])
+    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        mesh = creation.icosphere().apply_scale(size)
+    elif kind == mujoco.mjtGeom.mjGEOM_MESH:
+        number = model.geom_dataid[geom]
+        vertices = slice(model.mesh_vertadr[number], model.mesh_vertadr[number] + model.mesh_vertnum[number])
+        faces = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
+        mesh = Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
+    else:
+        raise ValueError(f"a geom of kind {kind.name} cannot be drawn.")
+    return mesh
 
 
 def bound_mesh(task: TaskConfig) -> trimesh.Trimesh | None:
@@ -207,7 +210,8 @@ def bound_mesh(task: TaskConfig) -> trimesh.Trimesh | None:
         caps = (np.abs(shape.face_normals[:, ~bounded]) > 0.99).any(axis=1)
         shape.update_faces(~caps)
     half = np.where(bounded, task.rho / np.where(bounded, weights, 1.0), BOUND_EXTENT)
-    return shape.apply_scale(half)
+    scaled: trimesh.Trimesh = shape.apply_scale(half)
+    return scaled
 
 
 def _segments(points: np.ndarray) -> np.ndarray:

@@ -20,7 +20,8 @@ def fall(view: EnvView, min_height: float, fill_gaps: bool = True) -> np.ndarray
     :return: shape (num_envs,), bool
     """
     ground = np.maximum(view.ground_height, 0.0) if fill_gaps else view.ground_height
-    return view.base_pos_w[:, 2] - ground < min_height
+    fallen: np.ndarray = view.base_pos_w[:, 2] - ground < min_height
+    return fallen
 
 
 @terminations.register()

@@ -55,7 +55,7 @@ def height_at(terrain: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return heights
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _raise_heights(terrain, xy, heights):  # type: ignore[no-untyped-def]
     for row in range(xy.shape[0]):
         for box in terrain[row]:
@@ -90,7 +90,7 @@ def place(terrain: np.ndarray, row: int, boxes: Sequence[tuple[float, ...]], kee
     return bool(_place(terrain[row], np.array(boxes), keep_from))
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _place(terrain, boxes, keep_from):  # type: ignore[no-untyped-def]
     count = 0
     for box in terrain:

@@ -12,31 +12,34 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.plugins.config_source import ConfigLoadError
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read, read_yaml
-from ogmp_sb3.training import CONFIG, RESUMABLE, begin_or_go_on, run_config, train
+from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.schema import Where, read, read_value, read_yaml
+from ogmp_sb3.training import RESUMABLE, begin_or_go_on, run_config, train
 
-REPLACES_TASK = ("rho", "oracle", "horizon")
+PROGRAM = "ogmp-train"
 
 
 def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
     """The task of a composed configuration, with the bare rho, oracle and horizon put in."""
     name = HydraConfig.get().runtime.choices["task"]
     path = _task_file(name)
-    data = OmegaConf.to_container(cfg.task)
-    assert isinstance(data, dict)
-    for key in REPLACES_TASK:
-        if not OmegaConf.is_missing(cfg, key):
-            data[key] = cfg[key]
+    plain = OmegaConf.to_container(cfg)  # ${...} stays text, as in a task file
+    assert isinstance(plain, dict)
+    data = plain["task"]
+    data |= {key: plain[key] for key in REPLACES_TASK if not OmegaConf.is_missing(cfg, key)}
     robot = str(data.get("robot", ""))
     if robot.endswith((".yaml", ".yml")):
         data["robot"] = str((path.parent / robot).resolve())
-    return task_from_data(data, path), data  # type: ignore[return-value,arg-type]
+    return task_from_data(data, path), data
 
 
 def _task_file(name: str) -> Path:
@@ -59,11 +62,12 @@ def _hydra_main(cfg: DictConfig) -> float:
         plain = OmegaConf.to_container(cfg, throw_on_missing=False)
         assert isinstance(plain, dict)
         values = {k: v for k, v in plain.items() if k not in ("task", *REPLACES_TASK)}
-        config = read(TrainConfig, values, Where("ogmp-train"))
+        config = read(TrainConfig, values, Where(PROGRAM))
         return begin_or_go_on(task, task_data, config, run_dir)
-    except (ValueError, KeyError, TypeError) as error:
-        _fail(error)
-        raise
+    except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
+        cli.fail(PROGRAM, ValueError(sentence(error)))
+    except cli.MISTAKES as error:
+        cli.fail(PROGRAM, error)
 
 
 def _resume(arguments: list[str]) -> None:
@@ -74,7 +78,7 @@ def _resume(arguments: list[str]) -> None:
     for key, value in given.items():
         if key not in RESUMABLE:
             raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
-        data["train"][key] = int(value) if value.isdigit() else value
+        data["train"][key] = read_value(value)
     task = task_from_data(data["task"], Path(data["task_file"]))
     config = read(TrainConfig, data["train"], Where(str(run_dir / CONFIG), "train"))
     resume = bool(checkpoint_dirs(run_dir))
@@ -108,9 +112,17 @@ def _register_tasks(arguments: list[str]) -> list[str]:
         _store(name, task_path(name))
     if not any(argument.startswith("hydra.searchpath=") for argument in arguments):
         for name in names - known - own:
-            if name.replace("-", "_").isidentifier():  # not one of Hydra's expressions, such as glob(*)
+            if not name or name.replace("-", "_").isidentifier():  # not one of Hydra's expressions, such as glob(*)
                 task_path(name)
     return rewritten
+
+
+def _registered(name: str) -> dict[str, Any]:
+    """The data of a task as it was registered; nothing for one that Hydra has yet to find."""
+    try:
+        return OmegaConf.to_container(ConfigStore.instance().load(f"task/{name}.yaml").node)  # type: ignore[return-value]
+    except ConfigLoadError:
+        return {}
 
 
 def _register_path(name: str) -> str:
@@ -134,17 +146,12 @@ def _config_dirs(arguments: list[str]) -> list[Path]:
     return found + [Path(b) for a, b in itertools.pairwise(arguments) if a in ("--config-dir", "-cd")]
 
 
-def _fail(error: Exception) -> None:
-    print(f"ogmp-train: {error.args[0] if error.args else error}", file=sys.stderr)
-    raise SystemExit(2) from None
-
-
 def _run(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
     arguments = _register_tasks(arguments)
-    # Hydra wants its options before the overrides; people write them anywhere.
-    sys.argv[1:] = sorted(arguments, key=lambda a: "=" in a and not a.startswith("-"))
-    _hydra_main()
+    names = [name for a in arguments if a.startswith("task=") for name in a.removeprefix("task=").split(",")]
+    sys.argv[1:] = checked(arguments, [_registered(name) for name in names])
+    run_hydra(_hydra_main)
 
 
 def main() -> None:
@@ -163,8 +170,8 @@ def main() -> None:
             if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
                 arguments.append("task=parkour")  # Hydra shows no help before the task is known
             _run(arguments)
-    except (ValueError, KeyError, TypeError) as error:
-        _fail(error)
+    except cli.MISTAKES as error:
+        cli.fail(PROGRAM, error)
     except KeyboardInterrupt:  # a second Ctrl-C, or one before the training began
         raise SystemExit(130) from None
 

@@ -64,7 +64,8 @@ def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> 
     error = state - reference
     if weights[RPY].any():
         error[:, RPY] = wrap_angle(error[:, RPY])
-    return np.linalg.norm(weights * error, axis=1)
+    distance: np.ndarray = np.linalg.norm(weights * error, axis=1)
+    return distance
 
 
 def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +80,7 @@ def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.nd
     return state, linvel_b
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _srb_state(pose, velocity, state, linvel_b):  # type: ignore[no-untyped-def]
     rotation = np.empty((3, 3))
     for row in range(len(pose)):

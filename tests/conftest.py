@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from ogmp_sb3 import registry
 from ogmp_sb3.opengl import gl_library
+
+# The same few examples in every run; HYPOTHESIS_PROFILE=thorough tries many, and others each time.
+SLOW_IS_FINE = {"deadline": None, "suppress_health_check": list(HealthCheck)}
+settings.register_profile("quick", max_examples=40, derandomize=True, **SLOW_IS_FINE)
+settings.register_profile("thorough", max_examples=1000, print_blob=True, **SLOW_IS_FINE)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
 @pytest.fixture

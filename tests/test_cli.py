@@ -22,6 +22,18 @@ def test_values_get_the_types_of_the_fields() -> None:
     assert (options, rest) == (Options(run="a/b", episodes=7, out="x=y"), [])
 
 
+@pytest.mark.parametrize("text", ["2026-01-31", "123", "1e5", "true", "[1]", "a: b", "!!bool x", "${x}", "["])
+def test_what_must_be_text_is_text_whatever_it_looks_like(text: str) -> None:
+    assert cli.parse(Options, [f"run={text}", f"out={text}"], "prog")[0] == Options(run=text, out=text)
+    assert cli.parse(Options, ["run=null", "out=null"], "prog")[0] == Options(run="null", out=None)
+
+
+@pytest.mark.parametrize("text", ["[", "[" * 3000, "9" * 5000, "!!bool x", "a: b: c", "2026-01-31"])
+def test_what_must_be_a_number_and_is_not_even_yaml_is_shown_as_text(text: str) -> None:
+    with pytest.raises(TypeError, match=r"^prog: 'episodes' must be a whole number, found the (text|value) "):
+        cli.parse(Options, ["run=a", f"episodes={text}"], "prog")
+
+
 def test_keys_of_the_task_are_handed_on_with_or_without_their_prefix() -> None:
     _, rest = cli.parse(Options, ["run=a", "task.rho=0.3", "modes.jump.h=[0.1,0.2]"], "prog", ("rho", "modes"))
     assert rest == ["rho=0.3", "modes.jump.h=[0.1,0.2]"]
@@ -56,6 +68,22 @@ def test_run_turns_a_mistake_into_one_line_and_exit_code_2(monkeypatch, capsys) 
     with pytest.raises(SystemExit, match="2"):
         cli.run("prog", "help", body)
     assert capsys.readouterr().err == "prog: unknown key 'x'.\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (KeyError("prog: 'x'\nis wrong."), "prog: 'x' is wrong.\n"),
+        (PermissionError(13, "Permission denied", "/a/b"), "prog: /a/b: Permission denied.\n"),
+        (OSError(28, "No space left on device"), "prog: No space left on device.\n"),
+        (MemoryError("Unable to allocate 9 TiB."), "prog: not enough memory. Unable to allocate 9 TiB.\n"),
+    ],
+)
+def test_every_mistake_ends_in_one_line(error: Exception, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert isinstance(error, cli.MISTAKES)
+    with pytest.raises(SystemExit, match="2"):
+        cli.fail("prog", error)
+    assert capsys.readouterr().err == line
 
 
 def test_task_keys_are_those_of_the_file() -> None:

@@ -4,18 +4,14 @@ import copy
 import dataclasses
 import math
 import re
-import string
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
 
-from ogmp_sb3 import load_task, registry
+from ogmp_sb3 import load_task
 from ogmp_sb3.config import (
     ROBOTS_DIR,
     TASKS_DIR,
@@ -159,7 +155,7 @@ MISTAKES = [
     # time and limits
     ("control_dt", 0.031, ValueError, "control_dt / physics_dt must be a whole number"),
     ("control_dt", 0.03 * MAX_SUBSTEPS, ValueError, f"must be a whole number below {MAX_SUBSTEPS}"),
-    ("control_dt", 1e308, ValueError, "control_dt / physics_dt must be a whole number"),
+    ("control_dt", 1e308, ValueError, "'control_dt' is too large: numbers lie between -1e+12 and 1e+12, found 1e+308"),
     ("control_dt", 0, ValueError, "'control_dt' must be above 0, found 0"),
     ("physics_dt", 0.06, ValueError, "found 0.03 / 0.06 = 0.5"),
     ("physics_dt", 1e-320, ValueError, "control_dt / physics_dt must be a whole number"),
@@ -562,143 +558,3 @@ def test_what_cannot_name_a_task_is_an_error(name: Any) -> None:
 def test_a_missing_task_file_is_an_error(name: str) -> None:
     with pytest.raises(ValueError, match="no such file"):
         load_task(name)
-
-
-# ---- properties: mutated tasks ----
-
-
-def nodes(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Where every value of nested plain data is."""
-    if path:
-        yield path
-    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
-        yield from nodes(data[key], (*path, key))
-
-
-def parent(data: Any, path: tuple[Any, ...]) -> Any:
-    for key in path[:-1]:
-        data = data[key]
-    return data
-
-
-def known_words() -> set[str]:
-    """Every name that is right somewhere: an edited key that is one of them proves nothing."""
-    words = {key for data in SHIPPED.values() for path in nodes(data) for key in path if isinstance(key, str)}
-    kinds = [vars(registry)[kind] for kind in ("modes", "oracles", "observations", "rewards", "terminations")]
-    for kind in kinds:
-        words |= {*kind.names(), *(p for name in kind.names() for p in kind.parameters(name))}
-    return words | {*STATE_NAMES, *INPUT_NAMES, "sequence", "repeat"}
-
-
-KNOWN = known_words()
-PATHS = {name: list(nodes(data)) for name, data in SHIPPED.items()}
-KEYS = {name: [path for path in paths if isinstance(path[-1], str)] for name, paths in PATHS.items()}
-SMALL = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.sampled_from([0, -1, 0.0, 1e-300, 1e308, math.nan, math.inf, -math.inf, 10**400, "", "front", "random", "x"]),
-    st.floats(),
-    st.text(max_size=8),
-)
-JUNK = st.one_of(
-    SMALL, st.lists(SMALL, max_size=3), st.dictionaries(st.text(max_size=4) | st.just("x"), SMALL, max_size=2)
-)
-
-
-@st.composite
-def edited(draw: st.DrawFn, word: str) -> str:
-    """A word with one letter dropped, doubled, changed or added."""
-    at = draw(st.integers(0, len(word) - 1))
-    letter = draw(st.sampled_from(string.ascii_letters + "_ "))
-    head, tail = word[:at], word[at + 1 :]
-    return draw(
-        st.sampled_from([head + tail, head + word[at] * 2 + tail, head + letter + tail, head + letter + word[at:]])
-    )
-
-
-@st.composite
-def mutated(draw: st.DrawFn) -> dict[str, Any]:
-    """A shipped task with one to three values dropped or replaced by junk, or keys edited."""
-    data = copy.deepcopy(SHIPPED[draw(st.sampled_from(sorted(SHIPPED)))])
-    for _ in range(draw(st.integers(1, 3))):
-        path = draw(st.sampled_from(list(nodes(data)) or [("rho",)]))
-        node = parent(data, path)
-        match draw(st.sampled_from(["drop", "junk", "rename"])):
-            case "drop":
-                node.pop(path[-1], None) if isinstance(node, dict) else node.pop(path[-1])
-            case "junk":
-                node[path[-1]] = draw(JUNK)
-            case "rename" if isinstance(node, dict) and path[-1]:
-                node[draw(edited(path[-1]))] = node.pop(path[-1], None)
-    return data
-
-
-def numbers(value: Any) -> Iterator[float]:
-    if isinstance(value, float | int):
-        yield value
-    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
-        yield from numbers(inner)
-
-
-def works_or_says_why(path: Path | str, overrides: Any = ()) -> None:
-    try:
-        task = load_task(path, overrides)
-    except (ValueError, KeyError, TypeError) as error:
-        assert type(error) in (ValueError, KeyError, TypeError)
-        (message,) = error.args
-        name = f"tasks/{path}.yaml" if path in SHIPPED else str(path)
-        assert message.startswith(name)
-        assert len(message.splitlines()) == 1
-        assert message[-1] in ".?"
-    else:
-        assert all(math.isfinite(number) for number in numbers(dataclasses.asdict(task)))
-        task.for_evaluation()
-
-
-MODERATE = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
-
-
-@MODERATE
-@given(data=mutated())
-def test_a_mutated_task_works_or_ends_in_one_sentence(tmp_path: Path, data: dict[str, Any]) -> None:
-    works_or_says_why(write(tmp_path, data))
-
-
-@MODERATE
-@given(data=st.data())
-def test_no_misspelt_key_is_ever_accepted(tmp_path: Path, data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(SHIPPED)))
-    path = data.draw(st.sampled_from(KEYS[name]))
-    wrong = data.draw(edited(path[-1]))
-    assume(wrong not in KNOWN)
-    task = copy.deepcopy(SHIPPED[name])
-    node = parent(task, path)
-    node[wrong] = node.pop(path[-1])
-    assert wrong in sentence(KeyError, write(tmp_path, task))
-
-
-@MODERATE
-@given(data=st.data())
-def test_a_misspelt_override_is_never_accepted(data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(SHIPPED)))
-    path = data.draw(st.sampled_from(KEYS[name]))
-    at = data.draw(st.integers(0, len(path) - 1))
-    wrong = data.draw(edited(path[at]))
-    assume(wrong not in KNOWN and wrong)
-    value = parent(SHIPPED[name], path)[path[-1]]
-    assert wrong in sentence(KeyError, name, {".".join([*path[:at], wrong, *path[at + 1 :]]): value})
-
-
-@MODERATE
-@given(data=st.data())
-def test_an_override_of_any_key_by_any_text_works_or_ends_in_one_sentence(data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(SHIPPED)))
-    keys = st.sampled_from([".".join(map(str, path)) for path in PATHS[name]])
-    key = data.draw(keys | st.tuples(keys, st.text(max_size=3)).map(".".join) | st.text(max_size=6))
-    if data.draw(st.booleans()):
-        works_or_says_why(name, [f"{key}={data.draw(st.text(max_size=12))}"])
-    else:
-        works_or_says_why(name, {key: data.draw(JUNK)})

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from test_config import KEYS, KNOWN, SHIPPED, edited, mutated, nodes, parent
+from mutations import KEYS, KNOWN, SHIPPED, edited, mutated, nodes, parent
 
 from ogmp_sb3 import check, registry
 from ogmp_sb3.config import TASKS_DIR, task_from_data

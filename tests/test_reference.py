@@ -262,5 +262,6 @@ def test_appending_keeps_what_is_ahead_and_never_overwrites_what_does_not_fit():
     np.testing.assert_array_equal(spans[:3, 1:], new[:, 1:])
     assert spans[3, END] == FOREVER
     assert append_spans(spans.copy(), 3, new[:1], 0.5) == -1
-    assert append_spans(spans, 3, np.array([[3.0, *row[1:]]]), 1.0) == 3  # the one that ended at 1.0 made room
-    np.testing.assert_array_equal(spans[:3, END], [2.0, 2.0, 3.0])
+    assert append_spans(spans.copy(), 3, new[:1], 1.0) == -1  # the one that ended at 1.0 says where the next starts
+    assert append_spans(spans, 3, np.array([[3.0, *row[1:]]]), 2.0) == 2
+    np.testing.assert_array_equal(spans[:2, END], [2.0, 3.0])

@@ -1,0 +1,163 @@
+"""The command line of ``ogmp-train`` as Hydra gets it, and Hydra's errors as one sentence each.
+
+Keys are checked before Hydra composes anything. Keys of the task file are left to the strict reading of the task,
+which knows more: what Hydra would refuse because the file does not have it is added by force.
+"""
+
+from __future__ import annotations
+
+import difflib
+import io
+import os
+import re
+from collections.abc import Callable, Iterable
+from contextlib import redirect_stderr
+from dataclasses import fields
+from typing import Any
+
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException, MissingConfigException
+from omegaconf.errors import OmegaConfBaseException
+
+from ogmp_sb3.cli import task_keys
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.recipe import PPOConfig, TrainConfig
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.schema import describe
+
+REPLACES_TASK = ("rho", "oracle", "horizon")  # bare keys that stand for those of the task
+ADDED = ("experiment", "search")  # groups that are given as +experiment=...
+FULL_ERROR = "HYDRA_FULL_ERROR"  # Hydra's variable: errors are raised, not printed
+LINKS = ("See https://", "full_key:", "object_type=", "reference_type=", "Config search path:", "provider=")
+
+
+def checked(arguments: list[str], tasks: Iterable[dict[str, Any]]) -> list[str]:
+    """The same command line with Hydra's options in front and every key checked.
+
+    :param arguments: the command line
+    :param tasks: the data of the tasks that it names, as far as they are known
+    :return: keys that not all of the tasks have are added by force
+    :raises KeyError: for an unknown key
+    :raises ValueError: for an option or an override that cannot be read
+    """
+    # Hydra wants its options before the overrides; people write them anywhere.
+    arguments = sorted(arguments, key=lambda a: "=" in a and not a.startswith("-"))
+    found = _options(arguments)
+    tasks = list(tasks)
+    own_config = found.config_name or found.config_path
+    rewritten = dict[str, str]()
+    for text in found.overrides:
+        override = _parsed(text)
+        key = override.key_or_group
+        if override.is_sweep_override() and not (found.multirun or "hydra.mode=MULTIRUN" in arguments):
+            raise ValueError(f"{text!r} has several values: add -m to train each of them, or write [a,b] for a list.")
+        if override.is_delete() and key == "task":
+            raise ValueError(f"{text!r}: a training needs a task.")
+        if override.is_add() or override.is_delete() or own_config or "/" in key or "@" in key:
+            continue  # Hydra's own, such as hydra/launcher=joblib, or judged when it is read
+        if key.startswith("task."):
+            if not (tasks and all([_holds(task, key) for task in tasks])):
+                rewritten[text] = f"++{text}"
+        else:
+            _check_key(key, text.partition("=")[2])
+    return [rewritten.get(argument, argument) for argument in arguments]
+
+
+def _options(arguments: list[str]) -> Any:
+    """What Hydra's options are set to."""
+    complaint = io.StringIO()
+    try:
+        with redirect_stderr(complaint):
+            found, rest = get_args_parser().parse_known_args(arguments)
+    except SystemExit as stop:
+        if not stop.code:  # --version
+            raise
+        raise ValueError(f"{complaint.getvalue().rpartition('error: ')[2].strip()} (see ogmp-train --help).") from None
+    unknown = [argument for argument in rest if argument.startswith("-")]
+    if unknown:
+        raise ValueError(f"unknown option {unknown[0]!r} (see ogmp-train --help).")
+    found.overrides += rest
+    return found
+
+
+def _parsed(text: str) -> Override:
+    """One override as Hydra reads it."""
+    try:
+        return OverridesParser.create().parse_override(text)
+    except HydraException as error:
+        raise ValueError(f"{text!r} must have the form key=value as Hydra reads it: {_one_line(str(error))}.") from None
+
+
+def _holds(task: dict[str, Any], key: str) -> bool:
+    """:raises TypeError: if the key lies within what is no mapping."""
+    node: Any = task
+    names = key.split(".")
+    for i, name in enumerate(names[1:], start=1):
+        if not isinstance(node, dict | None):
+            raise TypeError(f"'{'.'.join(names[:i])}' is {describe(node)}: it has no '{'.'.join(names[i:])}' to set.")
+        if node is None or name not in node:
+            return False
+        node = node[name]
+    return True
+
+
+def _check_key(key: str, value: str) -> None:
+    """:raises KeyError: if the key is neither one of a training nor of Hydra itself."""
+    first, _, rest = key.partition(".")
+    ppo = {f"ppo.{field.name}" for field in fields(PPOConfig)}
+    plain = {*(field.name for field in fields(TrainConfig)), *REPLACES_TASK}
+    if first == "hydra" or key in plain | ppo | {"task"}:
+        return
+    if key in ADDED:
+        raise KeyError(f"{key!r} is a group that is added: write '+{key}={value}'.")
+    if first == "ppo" and rest:
+        raise KeyError(f"{key!r} is not a known key{did_you_mean(key, ppo)}")
+    names = {name: name for name in plain} | {name: f"task.{name}" for name in task_keys(TaskConfig)}
+    names |= {name.removeprefix("ppo."): name for name in ppo} | {"task": "task"}
+    close = [first] if first in names else difflib.get_close_matches(first, names, n=1)
+    known = f"(allowed: {', '.join(sorted({*plain, 'task'}))}, hydra.<key>, and task.<key> for keys of the task file)"
+    best = f" Did you mean '{names[close[0]]}{'.' * bool(rest)}{rest}={value}'?" if close else ""
+    raise KeyError(f"{key!r} is not a known key {known}.{best}")
+
+
+def run_hydra(main: Callable[[], object]) -> None:
+    """Run a program of Hydra's.
+
+    :param main: what ``hydra.main`` made of it
+    :raises ValueError: for every error that Hydra would print, unless the user set ``HYDRA_FULL_ERROR``
+    """
+    asked = os.environ.get(FULL_ERROR)
+    os.environ[FULL_ERROR] = "1"
+    try:
+        main()
+    except (HydraException, OmegaConfBaseException) as error:
+        if asked:
+            raise
+        raise ValueError(sentence(error)) from None
+    finally:
+        os.environ.pop(FULL_ERROR)
+        if asked is not None:
+            os.environ[FULL_ERROR] = asked
+
+
+def sentence(error: Exception) -> str:
+    """One sentence for an error of Hydra or OmegaConf."""
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file:
+        group, _, name = str(error.missing_cfg_file).rpartition("/")
+        return f"unknown {group or 'configuration'} {name!r}{did_you_mean(name, error.options or ())}"
+    missing = re.match(r"You must specify '(\w+)'.*?Available options:(.*)", str(error), re.DOTALL)
+    if missing:
+        group, options = missing.groups()
+        return f"{group!r} is missing: give {group}=<name> or {group}=<file> (allowed: {', '.join(options.split())})."
+    text = _one_line(str(error))
+    if isinstance(error.__cause__, OmegaConfBaseException):
+        text = f"{text}: {_one_line(str(error.__cause__))}"
+    return text if text.endswith((".", "?")) else f"{text}."
+
+
+def _one_line(text: str) -> str:
+    """What a message of several lines says, without its links and types."""
+    lines = (line.strip() for line in text.splitlines())
+    return " ".join(line for line in lines if line and not line.startswith(LINKS))
