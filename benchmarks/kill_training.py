@@ -65,18 +65,20 @@ def writing(run_dir: Path) -> bool:
     return any(run_dir.glob(".best.*")) or any((run_dir / "checkpoints").glob(".*"))
 
 
-def wait(process: subprocess.Popen[bytes], run_dir: Path, moment: str, rng: random.Random, life: float) -> None:
+def wait(
+    process: subprocess.Popen[bytes], run_dir: Path, samples: int, moment: str, rng: random.Random, life: float
+) -> None:
     """Until it is time to kill, or the process has ended."""
-    began, before = time.monotonic(), saved(run_dir)
-    reach, wanted = before + rng.uniform(0.0, 2 * INTERVAL), before + rng.choice((1, 2)) * INTERVAL
-    end = began + rng.uniform(0.0, life)
+    before, end = saved(run_dir), time.monotonic() + rng.uniform(0.0, life)
+    reach = rng.uniform(before, min(before + 2 * INTERVAL, samples - 1))
+    wanted = min(before + rng.choice((1, 2)) * INTERVAL, samples)
     due: dict[str, Callable[[], bool]] = {
         "starting": lambda: time.monotonic() > end,
         "training": lambda: max([0, *logged(run_dir)]) >= reach,
         "writing": lambda: max([0, *logged(run_dir)]) >= wanted and writing(run_dir),
     }
     while process.poll() is None and not due[moment]():
-        time.sleep(0.001)
+        time.sleep(0.002)
     if moment != "starting":
         time.sleep(rng.uniform(0.0, DELAY))
 
@@ -107,7 +109,7 @@ def main() -> None:
         resume = len(lost) % 2 == 1 and (run_dir / "config.yaml").is_file()
         (moment,) = rng.choices([*MOMENTS], [*MOMENTS.values()])
         process = start(run_dir, samples, resume)
-        wait(process, run_dir, moment, rng, life)
+        wait(process, run_dir, samples, moment, rng, life)
         process.kill()
         code = process.wait()
         if code == 0:
