@@ -13,14 +13,16 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip
 SOURCES := setup.cfg pyproject.toml constraints.txt
 
-.PHONY: help train test lint types docs clean
+.PHONY: help train test coverage lint types audit docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make train   train the parkour policy (ARGS= takes overrides, e.g. ARGS='rho=0.4 seed=1')"
 	@echo "make test    run the tests (ARGS= goes to pytest)"
+	@echo "make coverage  the tests, with the share of the package's lines that they run"
 	@echo "make lint    check the code with ruff"
 	@echo "make types   check the types with mypy"
+	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
 	@echo "make docs    build the documentation into docs/_build/html"
 	@echo "make clean   remove the virtual environment and everything built"
 
@@ -31,11 +33,20 @@ train: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(ARGS)
 
+# What .ci/run runs: the same tests, and at least 90 % of the lines of the package.
+coverage: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --cov --cov-report=term --cov-fail-under=90 $(ARGS)
+
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 
 types: $(VENV)/.installed-dev
 	$(BIN)/mypy
+
+# Conflicts between what is installed, and known vulnerabilities, as far as a service knows them.
+audit: $(VENV)/.installed-dev $(VENV)/audit/.installed
+	$(PIP) check
+	$(BIN)/python .ci/audit.py $(VENV)/audit/bin/pip-audit
 
 docs: $(VENV)/.installed-dev
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
@@ -51,6 +62,10 @@ $(BIN)/pip:
 $(VENV)/.installed-torch: constraints.txt | $(BIN)/pip
 	$(PIP) install -c constraints.txt $(TORCH_ARGS) torch
 	touch $@
+
+# Apart, so that what it needs changes nothing that is tested; without it the audit says so.
+$(VENV)/audit/.installed: | $(BIN)/pip
+	-$(PYTHON) -m venv $(VENV)/audit && $(VENV)/audit/bin/python -m pip install --quiet pip-audit && touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch
 	$(PIP) install -c constraints.txt -e .

@@ -212,6 +212,36 @@ def test_every_import_is_a_declared_requirement(module: str) -> None:
     assert not missing, f"{module} imports {', '.join(sorted(missing))}: add to setup.cfg"
 
 
+NOT_IMPORTED = {
+    "scipy": "numba's linear algebra is in it",
+    "tensorboard": "torch.utils.tensorboard writes with it",
+}
+"""Requirements that the package needs without importing them."""
+
+
+def test_every_requirement_is_imported() -> None:
+    imported = set().union(*(distributions(names) for names in IMPORTED.values()))
+    assert requirements(optional=False) - imported == set(NOT_IMPORTED)
+
+
+def test_the_audit_never_passes_off_what_it_did_not_look_at() -> None:
+    spec = importlib.util.spec_from_file_location("audit", ROOT / ".ci" / "audit.py")
+    audit = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(audit)
+    unknown = {"name": "a", "skip_reason": "not found"}
+    fine = {"name": "b", "version": "1", "vulns": []}
+    bad = {"name": "c", "version": "2", "vulns": [{"id": "CVE-1"}]}
+    assert audit.verdict({"dependencies": [unknown, unknown]}) == (
+        "no vulnerability service here knows any of the 2 packages: NOT audited",
+        True,
+    )
+    assert audit.verdict({"dependencies": [unknown, fine]}) == (
+        "1 of 2 packages audited, no known vulnerability",
+        True,
+    )
+    assert audit.verdict({"dependencies": [unknown, fine, bad]}) == ("vulnerable: c 2: CVE-1", False)
+
+
 def imported_at_load(module: str) -> set[str]:
     """What a module imports outside of functions and not only for type checkers."""
     tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
