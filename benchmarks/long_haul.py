@@ -8,6 +8,7 @@ with every disturbance switched on.
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 import time
@@ -17,9 +18,9 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from ogmp_sb3 import load_task
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.config import apply_overrides, task_from_data
 
 NUM_ENVS = 64
 WARM_UP = 0.1  # share of the steps before memory counts: caches fill, buffers reach their size
@@ -52,9 +53,11 @@ def haul(steps: int, num_envs: int = NUM_ENVS, points: int = 100) -> dict[str, A
     :param points: how often memory is looked at
     :return: plain data: a row for each look, and what it came to
     """
-    task = load_task("parkour", {"randomisation": DISTURBED, "rho": None, "curriculum": None})
+    loaded = load_policy("parkour")
+    overrides = {"randomisation": DISTURBED, "rho": None, "curriculum": None}
+    task = task_from_data(apply_overrides(copy.deepcopy(loaded.task_data), overrides, "long_haul"), loaded.task_path)
     env = OgmpVecEnv(task, num_envs, seed=0, threads=1)
-    policy = load_policy("parkour").policy
+    policy = loaded.policy
     policy.set_training_mode(False)
     th.manual_seed(0)
     observation, state, starts = env.reset(), None, np.ones(num_envs, dtype=bool)

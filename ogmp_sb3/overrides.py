@@ -55,7 +55,8 @@ def checked(arguments: list[str], tasks: Iterable[dict[str, Any]]) -> list[str]:
             raise ValueError(f"{text!r} has several values: add -m to train each of them, or write [a,b] for a list.")
         if override.is_delete() and key == "task":
             raise ValueError(f"{text!r}: a training needs a task.")
-        if override.is_add() or override.is_delete() or own_config or "/" in key or "@" in key:
+        forced = override.is_add() or override.is_force_add() or override.is_delete()
+        if forced or own_config or "/" in key or "@" in key:
             continue  # Hydra's own, such as hydra/launcher=joblib, or judged when it is read
         if key.startswith("task."):
             if not (tasks and all([_holds(task, key) for task in tasks])):

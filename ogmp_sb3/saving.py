@@ -133,7 +133,7 @@ class Checkpoints(BaseCallback):
             self.save()
         except OSError as error:
             raise ValueError(
-                f"{self._folder(self.num_timesteps)}: not written ({reason(error)}). Make room, then go on with:  "
+                f"{self._folder(self.num_timesteps)}: not written ({reason(error)}). Make room, then go on with: "
                 f"ogmp-train resume={self.run_dir}"
             ) from None
 

@@ -25,7 +25,7 @@ def actions(steps: int, num_envs: int, scale: float = 0.3) -> np.ndarray:
 
 def overrides(name: str) -> dict[str, Any]:
     """Short episodes, so that a few steps hold ends of every kind; no curriculum, so that rows differ."""
-    return {"episode_steps": 18, "curriculum": None, "min_step_reward": None, "rho": 0.08 if name == "dive" else 0.2}
+    return {"episode_steps": 12, "curriculum": None, "min_step_reward": None, "rho": 0.2}
 
 
 # ---- Gymnasium ----

@@ -303,5 +303,5 @@ def test_the_example_refuses_files_that_are_missing_or_changed(name, change, sen
 
 
 def test_the_example_refuses_an_observation_of_another_size(exported) -> None:
-    with pytest.raises(ValueError, match=r"an observation has shape \(48,\), found \(47,\)"):
-        Controller(exported("parkour")[2]).step(np.zeros(47))
+    with pytest.raises(ValueError, match=r"an observation has shape \(60,\), found \(59,\)"):
+        Controller(exported("parkour")[2]).step(np.zeros(59))

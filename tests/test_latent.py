@@ -100,7 +100,7 @@ def test_unknown_and_damaged_encoders_are_a_sentence(tmp_path) -> None:
 def test_the_shipped_encoder_explains_and_separates_fresh_references(task: str) -> None:
     loaded = latent.load_encoder(task)
     config = load_task(task)
-    train, test = (encoder.reference_data(config, per_mode=100, seed=seed) for seed in (101, 102))
+    train, test = (encoder.reference_data(config, per_mode=300, seed=seed) for seed in (101, 102))
     accuracy = encoder.nearest_mode_accuracy(
         loaded(train.state, train.steps),
         [call.name for call in train.calls],

@@ -212,7 +212,7 @@ def test_a_full_disk_is_said_at_the_start_and_one_that_fills_up_costs_nothing_th
     with pytest.warns(UserWarning, match=r"not written \(No space left on device\); the training goes on"):
         done = program("train", *arguments, cwd=disk)
     assert done.returncode == 2
-    assert "Make room, then go on with:  ogmp-train resume=" in done.stderr
+    assert "Make room, then go on with: ogmp-train resume=" in done.stderr
     saved = [int(folder.name) for folder in checkpoint_dirs(run_dir)]
     assert saved and saved[-1] < 640
     for folder in checkpoint_dirs(run_dir):

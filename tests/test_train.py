@@ -288,7 +288,7 @@ def test_observation_variants_of_the_paper_train_as_one_multirun(tmp_path: Path)
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     sizes = [len(load_policy(p).info["network"]["scale"]) for p in sorted((tmp_path / "sweep").iterdir()) if p.is_dir()]
-    assert sizes == [33, 35, 44, 46, 46, 48]
+    assert sizes == [33, 35, 56, 58, 58, 60]
 
 
 def test_encode_writes_an_encoder_found_by_name(tmp_path: Path) -> None:
