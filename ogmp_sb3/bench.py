@@ -27,11 +27,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 from ogmp_sb3 import cli
 from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
 from ogmp_sb3.bench_physics import bench_physics
-from ogmp_sb3.checkpoints import load_policy, policy_kwargs
+from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.plotting import plot_throughput
+from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.sim import Simulation

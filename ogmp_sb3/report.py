@@ -14,9 +14,9 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.runs import MULTIRUN, read_run, read_sweep
+from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown, sort_out
-from ogmp_sb3.training import CONFIG
 
 PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20

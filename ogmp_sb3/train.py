@@ -18,8 +18,9 @@ from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.schema import Where, read, read_yaml
-from ogmp_sb3.training import CONFIG, RESUMABLE, begin_or_go_on, run_config, train
+from ogmp_sb3.training import RESUMABLE, begin_or_go_on, run_config, train
 
 REPLACES_TASK = ("rho", "oracle", "horizon")
 

@@ -13,15 +13,17 @@ import torch as th
 from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.checkpoints import ENCODER, checkpoint_dirs, checkpoint_info, latest_checkpoint, policy_kwargs
+from ogmp_sb3.checkpoints import ENCODER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
+from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.saving import CONFIG, UNSTABLE, Checkpoints, StopTraining, entry, mean_return, tidy_run
+from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, entry, mean_return, tidy_run
 from ogmp_sb3.schema import Where, read_yaml, write_yaml
 from ogmp_sb3.storage import alone, reason
+from ogmp_sb3.unstable import FOLDER as UNSTABLE
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 # What may change when a run goes on.
