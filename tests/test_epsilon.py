@@ -56,6 +56,6 @@ def test_the_spread_counts_every_step_once_for_each_oracle_and_mode() -> None:
 
 
 def test_in_a_timed_task_modes_are_told_apart_too() -> None:
-    task = load_task("dive", {**OPEN, "terminations": {}, "episode_steps": 120})
+    task = load_task("dive", {**OPEN, "terminations": {"fall": None}, "episode_steps": 120})
     found = estimate_epsilon(Waver(task), task, 2, 0, lambda _: None)  # type: ignore[arg-type]
     assert set(found["preview"]) == {"flip", "settle"}

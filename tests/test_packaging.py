@@ -214,7 +214,6 @@ def test_every_import_is_a_declared_requirement(module: str) -> None:
 
 NOT_IMPORTED = {
     "scipy": "numba's linear algebra is in it",
-    "tensorboard": "torch.utils.tensorboard writes with it",
 }
 """Requirements that the package needs without importing them."""
 
