@@ -163,11 +163,19 @@ class Checkpoints(BaseCallback):
                 aside = folder.with_name(f"damaged-{folder.name}")
                 remove(aside)
                 folder.rename(aside)
-        if self.best_at == self.kept_at and _samples(self.run_dir / BEST) != self.best_at:
-            copy_policy(checkpoint, self.run_dir / BEST)
+        complete_best(self.run_dir, checkpoint, self.best_at)
 
     def _folder(self, steps: int) -> Path:
         return self.run_dir / "checkpoints" / f"{steps:012d}"
+
+
+def complete_best(run_dir: Path, checkpoint: Path, best_at: int) -> None:
+    """Copy the best policy if it is that of a checkpoint, and a kill came before it was copied.
+
+    :param best_at: samples of the best policy, as the checkpoint says
+    """
+    if best_at == int(checkpoint.name) and _samples(run_dir / BEST) != best_at:
+        copy_policy(checkpoint, run_dir / BEST)
 
 
 def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:

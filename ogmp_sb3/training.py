@@ -14,16 +14,16 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.averaging import PolicyAverage
-from ogmp_sb3.checkpoints import ENCODER, checkpoint_dirs, checkpoint_info, latest_checkpoint
+from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, entry, mean_return, tidy_run
-from ogmp_sb3.schema import Where, read_yaml, write_yaml
-from ogmp_sb3.storage import alone, reason
+from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
+from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
+from ogmp_sb3.storage import alone, load_json, reason
 from ogmp_sb3.unstable import FOLDER as UNSTABLE
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
@@ -50,6 +50,9 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
     checkpoint = latest_checkpoint(run_dir)
     if int(checkpoint.name) >= config.total_timesteps:
         print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
+        file = checkpoint / TRAINER[1]
+        statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
+        complete_best(run_dir, checkpoint, statistics.get("best_at", 0))
         return float(checkpoint_info(checkpoint).get("return", math.nan))
     return train(task, task_data, config, run_dir, resume=True)
 

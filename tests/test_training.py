@@ -18,11 +18,11 @@ import yaml
 from programs import SMALL, program
 from safetensors.torch import load_file
 
-from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.runs import read_log
-from ogmp_sb3.storage import alone
+from ogmp_sb3.storage import alone, write_manifest
 from ogmp_sb3.training import run_config
 
 CONF = PACKAGE / "conf"
@@ -155,3 +155,17 @@ def test_a_training_with_rewards_that_are_none_stops_with_a_sentence_and_keeps_i
     assert again.returncode == 0, again.stderr
     assert "resumed at step 1280" in again.stdout
     assert read_log(tmp_path / "run" / "progress.csv")["train/undone_updates"][-1] == 9
+
+
+def test_a_finished_run_that_was_killed_before_its_best_policy_was_copied_gets_it(tmp_path: Path) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=256", "checkpoint_interval=128", "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    last = checkpoint_dirs(tmp_path / "run")[-1]
+    trainer = json.loads((last / "trainer.json").read_text())
+    trainer["statistics"]["best_at"] = int(last.name)
+    (last / "trainer.json").write_text(json.dumps(trainer))
+    (last / "manifest.json").unlink()
+    write_manifest(last)
+    shutil.rmtree(tmp_path / "run" / "best")
+    assert "already" in program("train", *arguments, cwd=tmp_path).stdout
+    assert load_policy(tmp_path / "run" / "best").info["num_timesteps"] == int(last.name)
