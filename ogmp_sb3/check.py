@@ -14,8 +14,9 @@ from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
 from ogmp_sb3.course import standing_deviation
 from ogmp_sb3.definitions import RobotConfig, TaskConfig
-from ogmp_sb3.env import BatchEnv, make_oracle
+from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
+from ogmp_sb3.plans import make_oracle
 from ogmp_sb3.plotting import plot_references
 from ogmp_sb3.randomisation import PushConfig
 from ogmp_sb3.ranges import Range

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ogmp_sb3 import snapshots
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.sampling import ModeCall, ModeSampler, PlainModes, corner_segments, mode_calls, plain_modes
@@ -99,19 +100,14 @@ class Course:
 
     def state(self) -> tuple[dict[str, np.ndarray], list[PlainModes]]:
         """Everything laid so far: arrays, and the modes as plain data. Commands are not part of it."""
-        arrays = {f"course.{name}": values.copy() for name, values in self.arrays().items()}
-        return arrays, [plain_modes(calls) for calls in self.modes]
+        return snapshots.take(self.arrays(), "course."), [plain_modes(calls) for calls in self.modes]
 
     def set_state(self, arrays: dict[str, np.ndarray], modes: list[PlainModes]) -> None:
         """Go on where :meth:`state` was taken.
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        for name, values in self.arrays().items():
-            saved = arrays.get(f"course.{name}")
-            if saved is None or saved.shape != values.shape:
-                raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
-            values[...] = saved
+        snapshots.put_back(self.arrays(), arrays, "course.")
         self.modes = [mode_calls(calls) for calls in modes]
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -8,25 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import registry
+from ogmp_sb3 import registry, snapshots
 from ogmp_sb3.course import Course
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.latent import LATENT_SIZE, task_encoder
 from ogmp_sb3.observations import CLIP, Signal
-from ogmp_sb3.oracles import Oracle, Plant
+from ogmp_sb3.plans import Plans
 from ogmp_sb3.randomisation import Disturbances
-from ogmp_sb3.reference import Reference, SetPoints, set_points
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.restarts import Restarts
-from ogmp_sb3.rotations import rpy_to_quat
 from ogmp_sb3.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
 from ogmp_sb3.sim import Simulation
-from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE, VEL
+from ogmp_sb3.srb import VEL
 from ogmp_sb3.terrain import height_at
 from ogmp_sb3.view import EnvView, deviation, srb_state
 
-PLAN_ARRAYS = ("_reference", "_reference_quat", "_latent", "_period", "_phase")
-STATE_ARRAYS = (*PLAN_ARRAYS, "step_count", "level", "_ended", "restarted")
+STATE_ARRAYS = ("step_count", "level", "_ended", "restarted")
 MAX_ENVS = 100_000  # more is a slip of the pen
 RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
@@ -49,14 +45,6 @@ class StepResult:
     """the step itself"""
     reward_terms: dict[str, np.ndarray]
     """each reward term, shape (num_envs,)"""
-
-
-def make_oracle(task: TaskConfig) -> Oracle:
-    """The task's oracle with its parameters bound."""
-    parameters = task.oracle_params.get(task.oracle, {})
-    robot = task.robot_config
-    plant = Plant(robot.srb, task.control_dt, feet=len(robot.feet))
-    return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
 
 
 def _bind(kinds: registry.Registry[Any], terms: dict[str, dict[str, Any] | None]) -> dict[str, Any]:
@@ -82,21 +70,14 @@ class BatchEnv:
         self.task, self.num_envs = task, num_envs
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.course = Course(task, num_envs)
-        self._oracle = make_oracle(task)
-        self._encoder = task_encoder(task)
+        self.plans: Plans = Plans(task, num_envs, self.course.most_steps)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
-        self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
         self._nominal = np.array(task.robot_config.nominal_joints)
         self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
 
-        self._reference = np.zeros((num_envs, self.course.most_steps + 1, STATE_SIZE))
-        self._reference_quat = np.zeros((num_envs, self.course.most_steps + 1, 4))
-        self._latent = np.zeros((num_envs, LATENT_SIZE))
-        self._period = np.ones(num_envs, dtype=int)
-        self._phase = np.zeros(num_envs, dtype=int)
         self.step_count = np.zeros(num_envs, dtype=int)
         self._first_level = 1.0 if task.curriculum is None else 0.0
         self.level = np.full(num_envs, self._first_level)
@@ -184,7 +165,6 @@ class BatchEnv:
         """Put robots down at the start of new variants of the task."""
         if not len(rows):
             return
-        self._phase[rows] = 0
         base = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
             ground = self.course.begin(row, self._rng[row], float(self.level[row]))
@@ -211,8 +191,7 @@ class BatchEnv:
 
     def _moment_arrays(self) -> list[np.ndarray]:
         """What an environment is put back to."""
-        plans = [getattr(self, name) for name in PLAN_ARRAYS]
-        return [*plans, *self.course.arrays().values(), self.sim.batch.state]
+        return [*self.plans.arrays().values(), *self.course.arrays().values(), self.sim.batch.state]
 
     def _moments(self, rows: np.ndarray) -> np.ndarray:
         """The present moments of some environments as vectors, shape (n, size)."""
@@ -227,9 +206,8 @@ class BatchEnv:
         task = self.task
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
         self._advance(targets, rows)
-        self._phase += 1
+        self.plans.advance()
         self.step_count += 1
-        self._phase = np.minimum(self._phase, self._period)  # rows that are not stepped any more stay inside
 
         view = self.view()
         reward_terms = {name: term(view) for name, term in self._rewards.items()}
@@ -246,13 +224,14 @@ class BatchEnv:
         self._remember(terminated & ~exploded)
         alive = np.flatnonzero(~terminated)
         self._lay_ahead(alive)
-        due = alive[self._phase[alive] >= self._period[alive]]
+        due = self.plans.due(alive)
         if len(due):
             if self.course.timed:
                 for row in due:
                     self.course.extend(row, 0.0, self._rng[row], float(self.level[row]))
             self._query(due)
-        seen = replace(view, phase=self._phase, period=self._period, latent=self._latent, terrain=self.terrain)
+        plans = self.plans
+        seen = replace(view, phase=plans.phase, period=plans.period, latent=plans.latent, terrain=self.terrain)
         return StepResult(
             observation=self._observe(seen),
             reward=reward,
@@ -265,12 +244,12 @@ class BatchEnv:
 
     def plan(self, row: int) -> np.ndarray:
         """The oracle's present reference of an environment, from the query on, shape (knots + 1, 12)."""
-        return self._reference[row, : self._period[row] + 1].copy()
+        return self.plans.reference[row, : self.plans.period[row] + 1].copy()
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that the next steps depend on: arrays, and plain data (generators and the modes drawn so far)."""
         arrays, modes = self.course.state()
-        arrays |= {name: getattr(self, name).copy() for name in STATE_ARRAYS} | {"sim": self.sim.batch.state.copy()}
+        arrays |= snapshots.take(self._own_arrays()) | snapshots.take(self.plans.arrays(), "plans.")
         plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
         for part in (self.disturbances, self.restarts):
             own_arrays, own_plain = part.state()
@@ -282,10 +261,7 @@ class BatchEnv:
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        for name in STATE_ARRAYS:
-            if name not in arrays or arrays[name].shape != getattr(self, name).shape:
-                raise ValueError(f"the saved state does not fit this task and {self.num_envs} environments ({name}).")
-            getattr(self, name)[...] = arrays[name]
+        snapshots.put_back(self.plans.arrays(), arrays, "plans.")
         self.course.set_state(arrays, plain["modes"])
         self.disturbances.set_state(arrays, plain)
         self.restarts.set_state(arrays, plain)
@@ -293,9 +269,12 @@ class BatchEnv:
         self.sim.vary(every, **self.disturbances.robots(every))
         self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(every, self.terrain)
-        self.sim.batch.state[...] = arrays["sim"]
+        snapshots.put_back(self._own_arrays(), arrays)
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
+
+    def _own_arrays(self) -> dict[str, np.ndarray]:
+        return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.batch.state}
 
     # ------------------------------------------------------------------ parts of a step
 
@@ -307,10 +286,11 @@ class BatchEnv:
         qpos, qvel = sim.qpos[every], sim.qvel[every]
         # np.take keeps rows contiguous, so that sums over a row do not depend on how many rows there are.
         joint_pos, joint_vel = qpos.take(sim.joint_qpos, axis=1), qvel.take(sim.joint_qvel, axis=1)
-        terrain, phase = self.terrain[every], self._phase[every]
+        terrain, plans = self.terrain[every], self.plans
+        phase = plans.phase[every]
         position = qpos[:, p : p + 3]
         state, linvel_b = srb_state(qpos[:, p : p + 7], qvel[:, v : v + 6])
-        reference = self._reference[every, phase]
+        reference = plans.reference[every, phase]
         return EnvView(
             base_pos_w=position,
             base_quat=qpos[:, p + 3 : p + 7],
@@ -325,11 +305,11 @@ class BatchEnv:
             ground_height=height_at(terrain, position[:, None, :2])[:, 0],
             state=state,
             reference=reference,
-            reference_quat=self._reference_quat[every, phase],
+            reference_quat=plans.quat[every, phase],
             deviation=deviation(state, reference, self._weights),
-            latent=self._latent[every],
+            latent=plans.latent[every],
             phase=phase,
-            period=self._period[every],
+            period=plans.period[every],
         )
 
     def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
@@ -406,22 +386,6 @@ class BatchEnv:
 
     def _query(self, rows: np.ndarray) -> None:
         """Ask the oracle, from the robots' present states."""
-        task, p, v = self.task, self.sim.base_qpos, self.sim.base_qvel
-        x0, _ = srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])
-        x0 = np.where(self._feedback, x0, 0.0)
-
-        steps = self.course.query_steps(rows)
-        timed = np.full(len(rows), self.course.timed)
-        points = set_points(self.course.spans[rows], timed, x0, steps, task.control_dt, task.gait)
-        reference = self._ask(rows, points, x0)
-        knots = reference.state.shape[1]
-        self._reference[rows, :knots] = reference.state
-        self._reference_quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
-        if self._encoder is not None:
-            self._latent[rows] = self._encoder(reference.state, reference.steps)
-        self._period[rows] = steps
-        self._phase[rows] = 0
-
-    def _ask(self, rows: np.ndarray, points: SetPoints, x0: np.ndarray) -> Reference:
-        """The oracle's answer for some environments."""
-        return self._oracle(points, x0)
+        p, v = self.sim.base_qpos, self.sim.base_qvel
+        states, _ = srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])
+        self.plans.query(rows, states, self.course)

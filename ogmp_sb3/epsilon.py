@@ -13,13 +13,31 @@ from dataclasses import replace
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.env import BatchEnv, StepResult, make_oracle
+from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.episodes import BATCH, play_batch
+from ogmp_sb3.plans import Plans, make_oracle
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.reference import Reference, SetPoints
 from ogmp_sb3.view import EnvView, deviation
 
 PERCENTILES = (50.0, 95.0, 100.0)
+
+
+class ShadowedPlans(Plans):
+    """Plans that also hold what every other oracle of the task has answered to the same queries."""
+
+    def __init__(self, task: TaskConfig, num_envs: int, most_steps: int) -> None:
+        super().__init__(task, num_envs, most_steps)
+        self._oracles = {name: make_oracle(replace(task, oracle=name)) for name in task.oracle_params}
+        self.shadows = {name: np.zeros_like(self.reference) for name in self._oracles}
+        """by oracle: states, shape (num_envs, most_steps + 1, 12)"""
+
+    def ask(self, rows: np.ndarray, points: SetPoints, x0: np.ndarray) -> Reference:
+        """The own oracle's answer; those of the others are kept."""
+        for name, oracle in self._oracles.items():
+            states = oracle(points, x0).state
+            self.shadows[name][rows, : states.shape[1]] = states
+        return super().ask(rows, points, x0)
 
 
 class ShadowedEnv(BatchEnv):
@@ -29,27 +47,19 @@ class ShadowedEnv(BatchEnv):
     """
 
     def __init__(self, task: TaskConfig, num_envs: int, seed: int) -> None:
-        self._shadows = {name: make_oracle(replace(task, oracle=name)) for name in task.oracle_params}
-        self._plans: dict[str, np.ndarray] = {}
         self._now: dict[str, np.ndarray] = {}
-        self.deviations: dict[str, dict[str, list[float]]] = {name: {} for name in self._shadows}
+        self.deviations: dict[str, dict[str, list[float]]] = {name: {} for name in task.oracle_params}
         """by oracle and mode, one for each control step"""
         super().__init__(task, num_envs, seed)
-
-    def _ask(self, rows: np.ndarray, points: SetPoints, x0: np.ndarray) -> Reference:
-        for name, oracle in self._shadows.items():
-            states = oracle(points, x0).state
-            plans = self._plans.setdefault(name, np.zeros_like(self._reference))
-            plans[rows, : states.shape[1]] = states
-        return super()._ask(rows, points, x0)
+        self.plans = ShadowedPlans(task, num_envs, self.course.most_steps)
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:
         view = super().view(rows)
-        if rows is None:
+        if rows is None and isinstance(self.plans, ShadowedPlans):
             every = np.arange(self.num_envs)
             self._now = {
-                name: deviation(view.state, plans[every, view.phase], self._weights)
-                for name, plans in self._plans.items()
+                name: deviation(view.state, states[every, view.phase], self._weights)
+                for name, states in self.plans.shadows.items()
             }
         return view
 

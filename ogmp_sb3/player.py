@@ -24,8 +24,8 @@ class OracleEnv(BatchEnv):
     """Robots that are wherever the oracle wants them, in their nominal pose: no physics."""
 
     def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
-        every, knot = np.arange(self.num_envs), self._phase + 1
-        state, quat = self._reference[every, knot], self._reference_quat[every, knot]
+        every, knot = np.arange(self.num_envs), self.plans.phase + 1
+        state, quat = self.plans.reference[every, knot], self.plans.quat[every, knot]
         p, v = self.sim.base_qpos, self.sim.base_qvel
         self.sim.qpos[:, p : p + 3], self.sim.qpos[:, p + 3 : p + 7] = state[:, POS], quat
         self.sim.qvel[:, v : v + 3] = state[:, VEL]

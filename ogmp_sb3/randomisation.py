@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3 import snapshots
 from ogmp_sb3.ranges import Range
 
 MAX_LATENCY = 100  # control steps; more is a slip of the pen
@@ -167,7 +168,7 @@ class Disturbances:
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that was drawn, and the generators; empty if no disturbance is in use."""
-        arrays = {f"disturbances.{name}": values.copy() for name, values in self._arrays.items()}
+        arrays = snapshots.take(self._arrays, "disturbances.")
         return arrays, {"disturbances": [rng.bit_generator.state for rng in self._rng]} if arrays else {}
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
@@ -175,10 +176,6 @@ class Disturbances:
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        for name, values in self._arrays.items():
-            saved = arrays.get(f"disturbances.{name}")
-            if saved is None or saved.shape != values.shape:
-                raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
-            values[...] = saved
+        snapshots.put_back(self._arrays, arrays, "disturbances.")
         for rng, state in zip(self._rng, plain.get("disturbances", ()), strict=False):
             rng.bit_generator.state = state

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3 import snapshots
 from ogmp_sb3.ranges import Range
 
 EVERY = 5  # control steps between two moments that are remembered
@@ -118,9 +119,8 @@ class Restarts:
         """All that is remembered, and the generators; empty where nothing is."""
         if self.config is None:
             return {}, {}
-        arrays = {f"restarts.{name}": values.copy() for name, values in self._arrays().items()}
         generators = [rng.bit_generator.state for rng in self._rng]
-        return arrays, {"restarts": [generators, [list(w) for w in self._waiting]]}
+        return snapshots.take(self._arrays(), "restarts."), {"restarts": [generators, [list(w) for w in self._waiting]]}
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
         """Go on where :meth:`state` was taken.
@@ -129,11 +129,7 @@ class Restarts:
         """
         if self.config is None:
             return
-        for name, values in self._arrays().items():
-            saved = arrays.get(f"restarts.{name}")
-            if saved is None or saved.shape != values.shape:
-                raise ValueError(f"the saved state does not fit this task and number of environments ({name}).")
-            values[...] = saved
+        snapshots.put_back(self._arrays(), arrays, "restarts.")
         generators, waiting = plain["restarts"]
         self._waiting = [list(modes) for modes in waiting]
         for rng, state in zip(self._rng, generators, strict=True):

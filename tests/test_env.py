@@ -700,7 +700,7 @@ def test_the_latent_is_that_of_the_reference_and_changes_only_at_queries() -> No
         env.step(np.zeros((3, 10)))
         after = env.view().latent
         if step % 7 == 0:
-            np.testing.assert_allclose(after, encoder(env._reference[:, :8], np.full(3, 7)))
+            np.testing.assert_allclose(after, encoder(env.plans.reference[:, :8], np.full(3, 7)))
         else:
             np.testing.assert_array_equal(after, before)
     assert (env.view().latent != 0).any()

@@ -35,7 +35,7 @@ def move(env: BatchEnv, arrays: dict[str, np.ndarray], plain: dict[str, Any], di
         terrain[..., column][terrain[..., TOP] > NOTHING] += distance
     spans[..., END][spans[..., END] < FOREVER] += distance
     arrays["course._laid"] += distance
-    arrays["_reference"][..., POS.start] += distance
+    arrays["plans.reference"][..., POS.start] += distance
     env.set_state(arrays, plain)
     env.sim.qpos[:, env.sim.base_qpos] += distance
 
@@ -66,8 +66,8 @@ def test_what_is_seen_and_planned_far_out_is_what_is_seen_and_planned_at_the_sta
     rows = np.arange(8)
     for env in (near, far):
         env._query(rows)
-    np.testing.assert_allclose(far._reference - x, near._reference, atol=EXACT)
-    np.testing.assert_allclose(far._latent, near._latent, atol=1e-5)  # the encoder computes in float32
+    np.testing.assert_allclose(far.plans.reference - x, near.plans.reference, atol=EXACT)
+    np.testing.assert_allclose(far.plans.latent, near.plans.latent, atol=1e-5)  # the encoder computes in float32
 
 
 def test_physics_reward_and_observation_far_out_are_those_at_the_start() -> None:

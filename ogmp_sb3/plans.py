@@ -1,0 +1,88 @@
+"""What the oracle has answered: each environment's reference, how far into it it is, and its mode latent."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from ogmp_sb3 import registry
+from ogmp_sb3.course import Course
+from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.latent import LATENT_SIZE, task_encoder
+from ogmp_sb3.oracles import Oracle, Plant
+from ogmp_sb3.reference import Reference, SetPoints, set_points
+from ogmp_sb3.rotations import rpy_to_quat
+from ogmp_sb3.srb import RPY, STATE_NAMES, STATE_SIZE
+
+
+def make_oracle(task: TaskConfig) -> Oracle:
+    """The task's oracle with its parameters bound."""
+    parameters = task.oracle_params.get(task.oracle, {})
+    robot = task.robot_config
+    plant = Plant(robot.srb, task.control_dt, feet=len(robot.feet))
+    return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
+
+
+class Plans:
+    """The present references of a batch of environments, each followed knot by knot until the next query.
+
+    :param task: the task
+    :param num_envs: number of environments
+    :param most_steps: control steps of the longest reference
+    :raises ValueError: if the task's encoder cannot be used
+    """
+
+    def __init__(self, task: TaskConfig, num_envs: int, most_steps: int) -> None:
+        self._task = task
+        self._oracle = make_oracle(task)
+        self._encoder = task_encoder(task)
+        self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
+        self.reference = np.zeros((num_envs, most_steps + 1, STATE_SIZE))
+        self.quat = np.zeros((num_envs, most_steps + 1, 4))
+        self.latent = np.zeros((num_envs, LATENT_SIZE))
+        self.period = np.ones(num_envs, dtype=int)  # control steps from a query to the next
+        self.phase = np.zeros(num_envs, dtype=int)  # control steps since the last query
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything, one row for each environment; what is written into them is followed."""
+        return {name: getattr(self, name) for name in ("reference", "quat", "latent", "period", "phase")}
+
+    def advance(self) -> None:
+        """Go on to the next knot, though never beyond the last."""
+        self.phase[:] = np.minimum(self.phase + 1, self.period)
+
+    def due(self, rows: np.ndarray) -> np.ndarray:
+        """Those of the rows whose reference is at its end, shape (n,), int."""
+        due: np.ndarray = rows[self.phase[rows] >= self.period[rows]]
+        return due
+
+    def query(self, rows: np.ndarray, states: np.ndarray, course: Course) -> None:
+        """Ask the oracle.
+
+        :param rows: environments, shape (n,), int
+        :param states: their robots' states, shape (n, 12)
+        :param course: what the modes ask of them
+        """
+        task = self._task
+        x0 = np.where(self._feedback, states, 0.0)
+        steps = course.query_steps(rows)
+        timed = np.full(len(rows), course.timed)
+        points = set_points(course.spans[rows], timed, x0, steps, task.control_dt, task.gait)
+        reference = self.ask(rows, points, x0)
+        knots = reference.state.shape[1]
+        self.reference[rows, :knots] = reference.state
+        self.quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
+        if self._encoder is not None:
+            self.latent[rows] = self._encoder(reference.state, reference.steps)
+        self.period[rows] = steps
+        self.phase[rows] = 0
+
+    def ask(self, rows: np.ndarray, points: SetPoints, x0: np.ndarray) -> Reference:
+        """The oracle's answer for some environments.
+
+        :param rows: environments, shape (n,), int
+        :param points: what it is asked for
+        :param x0: states fed back to it, shape (n, 12)
+        """
+        return self._oracle(points, x0)

@@ -1,0 +1,26 @@
+"""Copies of the arrays that something lives in, and the way back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+
+def take(arrays: Mapping[str, np.ndarray], prefix: str = "") -> dict[str, np.ndarray]:
+    """Copies of arrays, their names behind a prefix."""
+    return {prefix + name: values.copy() for name, values in arrays.items()}
+
+
+def put_back(arrays: Mapping[str, np.ndarray], saved: Mapping[str, np.ndarray], prefix: str = "") -> None:
+    """Write what :func:`take` copied back into the arrays, one row of which is one environment.
+
+    :raises ValueError: if anything is missing or has another shape
+    """
+    for name, values in arrays.items():
+        copy = saved.get(prefix + name)
+        if copy is None or copy.shape != values.shape:
+            raise ValueError(
+                f"the saved state does not fit this task and {len(values)} environments ({prefix + name})."
+            )
+        values[...] = copy
