@@ -13,14 +13,14 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip
 SOURCES := setup.cfg pyproject.toml constraints.txt
 
-.PHONY: help train test coverage ray lint types audit docs clean
+.PHONY: help train test coverage integrations lint types audit docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make train   train the parkour policy (ARGS= takes overrides, e.g. ARGS='rho=0.4 seed=1')"
 	@echo "make test    run the tests (ARGS= goes to pytest)"
 	@echo "make coverage  the tests, with the share of the package's lines that they run"
-	@echo "make ray     the test of the Ray launcher, in an environment of its own"
+	@echo "make integrations  the tests with Ray and with the RL Zoo, in an environment of their own"
 	@echo "make lint    check the code with ruff"
 	@echo "make types   check the types with mypy"
 	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
@@ -38,9 +38,10 @@ test: $(VENV)/.installed-dev
 coverage: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --cov --cov-report=term --cov-fail-under=90 $(ARGS)
 
-# Apart from the other tests: Ray's launcher needs older packages than the other launchers.
-ray: $(VENV)/ray/.installed
-	OMP_NUM_THREADS=1 $(VENV)/ray/bin/python -m pytest -n0 tests/test_launchers.py -k ray $(ARGS)
+# Apart from the other tests, as Ray's launcher and the RL Zoo need other packages than the rest; two jobs are trained
+# through a local Ray, and one by the Zoo's own command.
+integrations: $(VENV)/integrations/.installed
+	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/test_launchers.py tests/test_sb3.py -k "ray or zoo" $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -72,10 +73,10 @@ $(VENV)/.installed-torch: constraints.txt | $(BIN)/pip
 $(VENV)/audit/.installed: | $(BIN)/pip
 	-$(PYTHON) -m venv $(VENV)/audit && $(VENV)/audit/bin/python -m pip install --quiet pip-audit && touch $@
 
-$(VENV)/ray/.installed: $(SOURCES) | $(BIN)/pip
-	$(PYTHON) -m venv $(VENV)/ray
-	$(VENV)/ray/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/ray/bin/python -m pip install -c constraints.txt -e '.[ray]' hypothesis pytest pytest-xdist
+$(VENV)/integrations/.installed: $(SOURCES) | $(BIN)/pip
+	$(PYTHON) -m venv $(VENV)/integrations
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray]' rl_zoo3 hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch
