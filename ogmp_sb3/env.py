@@ -128,7 +128,7 @@ class BatchEnv:
         self.level[row] = self._first_level
 
     def command(self, row: int, mode: str, **parameters: float | str) -> None:
-        """Have an environment go on with a mode behind what is laid already (about 1.3 m), before drawn ones.
+        """Have an environment go on with a mode behind the track that is laid already, before drawn ones.
 
         Several commands follow each other. The oracle plans them from wherever the robot is.
 
