@@ -49,9 +49,9 @@ class BenchConfig:
     what: Literal["sim", "learner", "train", "physics"] = cli.option(
         "sim, learner, train or physics; the key may be left out"
     )
-    task: str = cli.option("a shipped task or the path of a YAML file", "parkour")
+    task: str = cli.option("a task by name or the path of a YAML file", "parkour")
     num_envs: int = cli.option("environments of the comparison", 64)
-    steps: int = cli.option("control steps (sim) or samples (train) of one repeat", 0)
+    steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or four rollouts", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
     run: str | None = cli.option("physics: policy whose motions on its task are replayed; null: noise", None)
     json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)

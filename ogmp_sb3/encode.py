@@ -28,7 +28,7 @@ LOG_EVERY = 100  # updates between two points in TensorBoard
 class EncodeConfig:
     """Keys of the command line."""
 
-    task: str = cli.option("a shipped task or the path of a YAML file")
+    task: str = cli.option("a task by name or the path of a YAML file")
     out: str | None = cli.option("directory to write; null: encoders/<task>, where it is found by name", None)
     references: int = cli.option("references of each mode", 2000)
     updates: int = cli.option("minibatches of the training", 40_000)
