@@ -1,4 +1,4 @@
-"""Play a policy under disturbances, one at a time, to see what it stands."""
+"""Play a policy under disturbances, one at a time, to see how much it withstands."""
 
 from __future__ import annotations
 
