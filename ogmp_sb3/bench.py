@@ -54,6 +54,7 @@ class BenchConfig:
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or four rollouts", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
     run: str | None = cli.option("physics: policy whose motions on its task are replayed; null: noise", None)
+    trust: bool = cli.option(cli.TRUST, False)
     json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)
 
     def __post_init__(self) -> None:
@@ -301,7 +302,8 @@ def _memory_per_env(task: TaskConfig) -> float:
 def _bench_physics(config: BenchConfig, task: TaskConfig) -> Numbers:
     if not config.run:
         return bench_physics(task, None, config.num_envs, config.repeats)
-    loaded = load_policy(config.run)
+    zipped = Path(config.run).is_file()
+    loaded = load_policy(config.run, config.trust, config.task if zipped else None)
     return bench_physics(loaded.task, loaded.policy, config.num_envs, config.repeats)
 
 

@@ -26,6 +26,7 @@ from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
+from ogmp_sb3.saving import CONFIG
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
@@ -234,7 +235,10 @@ def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | No
 
 def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
     run = Path(config.run)
-    return run / "evaluation" if run.is_dir() else Path("evaluation") / loaded.name
+    if not run.is_dir():
+        return Path("evaluation") / loaded.name
+    owner = next((folder for folder in (run, *run.parents[:2]) if (folder / CONFIG).is_file()), run)
+    return owner / "evaluation" / run.relative_to(owner)  # its best policy and its checkpoints are replaced in time
 
 
 def _write(out: Path, report: dict[str, Any]) -> None:

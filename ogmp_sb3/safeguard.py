@@ -52,7 +52,7 @@ def undone_unless_finite(model: Learner) -> Iterator[None]:
             raise ValueError(
                 f"stopped at step {model.num_timesteps}: {MOST_IN_A_ROW} updates in a row were undone, "
                 f"the last because {said} The weights are as before them; look for rewards that are not finite, "
-                "or go on with a smaller learning rate."
+                "or train anew with a smaller learning rate."
             ) from None
         warnings.warn(f"Update at step {model.num_timesteps} undone: {said}", stacklevel=4)
     else:

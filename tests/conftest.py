@@ -30,7 +30,7 @@ def forget(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFac
     installed = str(tmp_path_factory.getbasetemp())
     for name in set(sys.modules) - modules:
         module = sys.modules[name]
-        places = [getattr(module, "__file__", None), *getattr(module, "__path__", [])]
+        places = [getattr(module, "__file__", None), *vars(module).get("__path__", [])]
         if any(str(place).startswith(installed) for place in places):
             del sys.modules[name]
 

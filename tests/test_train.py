@@ -55,6 +55,14 @@ def test_the_log_has_terms_causes_deviation_and_speed(run: Path) -> None:
     assert any(column.startswith("termination/") for column in columns)
 
 
+@pytest.mark.parametrize("policy", ["best", "checkpoints/000000000512"])
+def test_what_is_measured_of_a_policy_that_will_be_replaced_is_not_replaced_with_it(run: Path, policy: str) -> None:
+    arguments = [f"run={run / policy}", "episodes=1", "evaluation.episode_steps=5"]
+    done = program("evaluate", *arguments, cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    assert (run / "evaluation" / policy / "metrics.json").is_file()
+
+
 def test_a_policy_is_tensors_and_json_and_knows_its_task(run: Path) -> None:
     loaded = load_policy(run)
     assert (loaded.task.rho, loaded.task.oracle, loaded.task.name) == (0.4, "lqr", "parkour")
