@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ogmp_sb3 import snapshots
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.definitions import MAX_BOXES, TaskConfig
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.sampling import ModeCall, ModeSampler, PlainModes, corner_segments, mode_calls, plain_modes
 from ogmp_sb3.terrain import Plateau, empty_terrain, place
@@ -14,7 +14,7 @@ START_PLATEAU = 2.0  # m: flat ground behind the start of a track
 KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
 REACH = 1.2  # m: terrain ahead of the base that is always there
 MAX_LOOKAHEAD = 100.0  # m: more is a slip of the pen
-MAX_SPANS = 24  # spans kept for each environment
+LEAST_SPANS, MAX_SPANS = 24, 1_000  # room for spans of each environment; a task that needs more is a slip of the pen
 
 
 class Course:
@@ -30,7 +30,7 @@ class Course:
         self.timed, self._lookahead, self.most_steps = _extent(task)
         self._sampler = ModeSampler(task)
         self.terrain = empty_terrain(num_envs, task.track.boxes)
-        self.spans = np.zeros((num_envs, MAX_SPANS, SPAN_SIZE))
+        self.spans = np.zeros((num_envs, room(task)[1], SPAN_SIZE))
         self._span_count = np.zeros(num_envs, dtype=int)
         self._laid = np.zeros(num_envs)  # m of track laid so far
         self._mode_count = np.zeros(num_envs, dtype=int)
@@ -137,7 +137,7 @@ class Course:
         count = append_spans(self.spans[row], used, np.array(new), keep_from)
         if count < 0:
             raise ValueError(
-                f"{self.task.file}: 'modes' are too short: over {MAX_SPANS} set-point spans around a robot."
+                f"{self.task.file}: 'modes' are too short: over {self.spans.shape[1]} set-point spans around a robot."
             )
         self._span_count[row] = count
 
@@ -156,6 +156,15 @@ def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
     speeds = [span.velocity[0] for segment in corner_segments(task) for span in segment.spans]
     duration = task.horizon * task.control_dt
     return weight * min(speeds) * duration, weight * max(speeds) * duration
+
+
+def room(task: TaskConfig) -> tuple[int, int]:
+    """How many terrain boxes and set-point spans may lie around a robot, if all modes are as short as they can be."""
+    timed, lookahead, _ = _extent(task)
+    corners = list(corner_segments(task))
+    around = 1 if timed else 3 + (KEEP_BEHIND + lookahead) / min(segment.length for segment in corners)
+    boxes, spans = (around * max(len(getattr(s, kind)) for s in corners) for kind in ("plateaus", "spans"))
+    return int(min(boxes, MAX_BOXES)), int(np.clip(spans, LEAST_SPANS, MAX_SPANS))
 
 
 def _extent(task: TaskConfig) -> tuple[bool, float, int]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.course import room
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import did_you_mean
@@ -93,7 +94,11 @@ def default_grids(task: TaskConfig, points: int = POINTS) -> list[Grid]:
 
 
 def cell_task(task: TaskConfig, mode: str, values: dict[str, float]) -> TaskConfig:
-    """The task with some parameters of a mode fixed, and no other mode where modes follow each other at random."""
+    """The task with some parameters of a mode fixed, and no other mode where modes follow each other at random.
+
+    There is room for all the terrain, however short the mode is then.
+    """
     ranges = {**task.mode_ranges[mode], **{key: Range(value, value) for key, value in values.items()}}
     weights = {name: float(name == mode) for name in task.mode_ranges}
-    return replace(task, modes={**task.modes, mode: ranges}, sampling=replace(task.sampling, weights=weights))
+    cell = replace(task, modes={**task.modes, mode: ranges}, sampling=replace(task.sampling, weights=weights))
+    return replace(cell, track=replace(task.track, boxes=max(task.track.boxes, room(cell)[0])))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ogmp_sb3.config import load_task
+from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.grid import cell_task, default_grids, read_grid
 from ogmp_sb3.ranges import Range
 
@@ -64,3 +67,14 @@ def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> N
 def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         read_grid(text, PARKOUR)
+
+
+@pytest.mark.parametrize("values", [{"w": 0.125, "run_up": 0.15}, {"w": 0.05, "run_up": 0.05}])
+def test_a_cell_has_room_for_modes_far_shorter_than_those_of_training(values: dict[str, float]) -> None:
+    env = BatchEnv(cell_task(replace(PARKOUR.for_evaluation(), terminations={}), "leap", values), 2, seed=0, threads=1)
+    env.reset()
+    x = env.sim.base_qpos
+    for _ in range(60):  # wherever a robot is along the track, the track goes on
+        env.sim.qpos[:, x] += 0.1
+        env.step(np.zeros((2, env.action_size)))
+    assert (env.sim.qpos[:, x] > 5.0).all()
