@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from ogmp_sb3 import load_task, registry
@@ -77,6 +78,19 @@ def edited(draw: st.DrawFn, word: str) -> str:
     return draw(
         st.sampled_from([head + tail, head + word[at] * 2 + tail, head + letter + tail, head + letter + word[at:]])
     )
+
+
+@st.composite
+def misspelt(draw: st.DrawFn, keep: bool = False) -> tuple[dict[str, Any], str]:
+    """A shipped task with one key misspelt (``keep``: beside the right one), and the wrong key."""
+    name = draw(st.sampled_from(sorted(SHIPPED)))
+    path = draw(st.sampled_from(KEYS[name]))
+    wrong = draw(edited(path[-1]))
+    assume(wrong not in KNOWN)
+    task = copy.deepcopy(SHIPPED[name])
+    node = parent(task, path)
+    node[wrong] = copy.deepcopy(node[path[-1]]) if keep else node.pop(path[-1])
+    return task, wrong
 
 
 @st.composite

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from mutations import (
     check_sentence,
     edited,
     mangled,
+    misspelt,
     mutated,
     parent,
     renumbered,
@@ -71,28 +71,16 @@ def test_a_file_that_is_anything_ends_in_one_sentence(file: Path, content: bytes
     assert works_or_says_why(file) is None
 
 
-@given(data=st.data())
-def test_no_misspelt_key_is_ever_accepted(file: Path, data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(SHIPPED)))
-    path = data.draw(st.sampled_from(KEYS[name]))
-    wrong = data.draw(edited(path[-1]))
-    assume(wrong not in KNOWN)
-    task = copy.deepcopy(SHIPPED[name])
-    node = parent(task, path)
-    node[wrong] = node.pop(path[-1])
+@given(mistake=misspelt())
+def test_no_misspelt_key_is_ever_accepted(file: Path, mistake: tuple[dict[str, Any], str]) -> None:
+    task, wrong = mistake
     file.write_text(yaml.safe_dump(task, sort_keys=False))
     assert wrong in error_of(file)
 
 
-@given(data=st.data())
-def test_a_key_beside_the_right_ones_is_never_accepted(file: Path, data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(SHIPPED)))
-    path = data.draw(st.sampled_from(KEYS[name]))
-    wrong = data.draw(edited(path[-1]))
-    assume(wrong not in KNOWN)
-    task = copy.deepcopy(SHIPPED[name])
-    node = parent(task, path)
-    node[wrong] = copy.deepcopy(node[path[-1]])
+@given(mistake=misspelt(keep=True))
+def test_a_key_beside_the_right_ones_is_never_accepted(file: Path, mistake: tuple[dict[str, Any], str]) -> None:
+    task, wrong = mistake
     file.write_text(yaml.safe_dump(task, sort_keys=False))
     assert wrong in error_of(file)
 
