@@ -25,6 +25,7 @@ from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 from ogmp_sb3.saving import CONFIG
 
@@ -71,7 +72,7 @@ HELP = cli.usage(
         "ogmp-eval run=parkour protocol=endless max_distance=100",
         "ogmp-eval run=parkour scene=pace_to_jump",
         "ogmp-eval run=parkour grid=jump.w,jump.h",
-        "ogmp-eval run=parkour grid=leap.w:0.1:0.6:6,leap.run_up:0.2:0.6:5",
+        "ogmp-eval run=parkour grid=leap.w:0.1:0.6:5,leap.run_up:0.2:0.6:4",
         "ogmp-eval run=parkour robustness=true randomisation.push.speed=0.5",
         "ogmp-eval run=parkour epsilon=true",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
@@ -142,14 +143,14 @@ def evaluate_cell(
     policy: LstmPolicy,
     task: TaskConfig,
     mode: str,
-    values: dict[str, float],
+    cell: dict[str, Range],
     episodes: int,
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Summary]:
     """The metrics of one cell of a grid, on the tracks of :func:`~ogmp_sb3.grid.cell_task`."""
-    cell = cell_task(task, mode, values)
-    return evaluate(cell, play_episodes(policy, cell, episodes, seed, progress=progress))
+    task = cell_task(task, mode, cell)
+    return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))
 
 
 def show(title: str, metrics: dict[str, Summary], console: Console) -> None:

@@ -64,8 +64,8 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
         first, second = grid["axes"]
         a = np.unique([cell[first] for cell in grid["cells"]])
         b = np.unique([cell[second] for cell in grid["cells"]])
-        values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a), len(b))
-        mesh = axes.pcolormesh(a, b, values.T, shading="nearest", cmap="viridis", rasterized=True)
+        values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a) - 1, len(b) - 1)
+        mesh = axes.pcolormesh(a, b, values.T, cmap="viridis", rasterized=True)
         (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
         axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
         axes.set(title=grid["mode"], xlabel=first, ylabel=second)

@@ -11,6 +11,7 @@ from rich.console import Console
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.grid import CELLS
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.runs import MULTIRUN, read_run, read_sweep
@@ -36,7 +37,7 @@ class ReportConfig:
     )
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     grids: bool = cli.option("run: heat maps over mode parameters, which take minutes", True)
-    grid_points: int = cli.option("points of each axis of a heat map", 7)
+    grid_cells: int = cli.option("cells along each axis of a heat map", CELLS)
     cell_episodes: int = cli.option("episodes of each cell of a heat map", 10)
     traces: int = cli.option("run: episodes to draw as motion traces", 3)
     variants: str | None = cli.option(
@@ -49,7 +50,7 @@ class ReportConfig:
     def __post_init__(self) -> None:
         if (self.run is None) == (self.sweep is None):
             raise ValueError("give either 'run' or 'sweep'.")
-        least = {"episodes": 1, "seed": 0, "grid_points": 2, "cell_episodes": 1, "traces": 1}
+        least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1}
         for name, low in least.items():
             value = getattr(self, name)
             if value is not None and value < low:
@@ -95,7 +96,7 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         report_run.training(run, subject.loaded.task.rho, out) if run else None,
         report_run.evaluation(subject, config.episodes or RUN_EPISODES, config.seed, out),
         report_run.motion(subject, config.traces, config.seed, variants, out),
-        report_run.mode_parameters(subject, config.grid_points, config.cell_episodes, config.seed, out)
+        report_run.mode_parameters(subject, config.grid_cells, config.cell_episodes, config.seed, out)
         if config.grids
         else None,
         report_run.latents(subject, config.seed, out),

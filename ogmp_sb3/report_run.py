@@ -156,9 +156,9 @@ def _first_sentence(function: Any) -> str:
     return re.sub(r":\w+:|`+", "", " ".join(text.split()))
 
 
-def mode_parameters(subject: Subject, points: int, episodes: int, seed: int, out: Path) -> Section | None:
+def mode_parameters(subject: Subject, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
     """Heat maps of the return over two parameters of each mode that has two ranges."""
-    grids = default_grids(subject.task, points)
+    grids = default_grids(subject.task, cells)
     if not grids:
         return None
     found = []
@@ -175,11 +175,11 @@ def mode_parameters(subject: Subject, points: int, episodes: int, seed: int, out
         )
         means.append(f"{grid.mode} {_mean(inside)} and {_mean(outside)}")
     caption = (
-        f"Return over two parameters of a mode, {episodes} episodes a cell, the training range outlined. Means over "
-        f"the cells inside and outside of it: {'; '.join(means)}."
+        f"Mean return over two parameters of a mode, {episodes} episodes a cell, each occurrence with values drawn in "
+        f"the cell; the training range outlined. Means over the cells inside and outside of it: {'; '.join(means)}."
     )
     picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(found, "return", path))
-    text = "Tracks that hold only one mode; two of its parameters are fixed, beyond the training range as well."
+    text = "Tracks that hold only one mode, with two of its parameters from small ranges, some never trained on."
     return Section("Mode parameters", text, [picture])
 
 
@@ -188,14 +188,21 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
     rows = []
     for grid in grids:
         for cell in grid["cells"]:
-            inside = all(low - 1e-9 <= cell[key] <= high + 1e-9 for key, (low, high) in grid["trained"].items())
+            inside = all(_trained(cell[key], span) for key, span in grid["trained"].items())
             summary, (first, second) = cell["metrics"]["return"], grid["axes"]
             rows.append({
-                "mode": grid["mode"], "first": first, "first_value": cell[first], "second": second,
-                "second_value": cell[second], "trained": inside, "return": summary["mean"],
+                "mode": grid["mode"],
+                "first": first, "first_from": cell[first][0], "first_to": cell[first][1],
+                "second": second, "second_from": cell[second][0], "second_to": cell[second][1],
+                "trained": inside, "return": summary["mean"],
                 "low": summary["ci95"][0], "high": summary["ci95"][1], "n": summary["n"],
             })  # fmt: skip
     return rows
+
+
+def _trained(cell: list[float], span: list[float]) -> bool:
+    """Whether the middle of a cell lies in the training range, or the whole range in the cell."""
+    return span[0] <= np.mean(cell) <= span[1] or cell[0] <= span[0] <= span[1] <= cell[1]
 
 
 def _mean(values: list[float]) -> str:

@@ -15,7 +15,7 @@ from ogmp_sb3.config import apply_overrides, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.evaluate import evaluate_cell, measure
-from ogmp_sb3.grid import Grid
+from ogmp_sb3.grid import Grid, limits
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.results import Results
 from ogmp_sb3.traces import Trace, make_trace
@@ -69,15 +69,15 @@ class Subject:
         :param episodes: of each cell
         """
         task, found = self._test(), []
-        for values in grid.cells:
-            settings = {**self._settings, "mode": grid.mode, "cell": values, "episodes": episodes, "seed": seed}
+        for cell in grid.cells:
+            settings = {**self._settings, "mode": grid.mode, "cell": limits(cell), "episodes": episodes, "seed": seed}
             if settings in self._results:
                 progress(episodes)
             found.append(
                 self._results.remember(
                     settings,
-                    lambda values=values: evaluate_cell(  # type: ignore[misc]
-                        self.loaded.policy, task, grid.mode, values, episodes, seed, progress
+                    lambda cell=cell: evaluate_cell(  # type: ignore[misc]
+                        self.loaded.policy, task, grid.mode, cell, episodes, seed, progress
                     ),
                 )
             )

@@ -177,7 +177,7 @@ RIGHT = {
     "play": ["task=dive", "seed=1", "port=0", "seconds=1.0", "rho=0.3"],
     "encode": ["task=dive", "references=3", "updates=3", "seed=1", "out=out"],
     "export": ["run=parkour", "out=exported"],
-    "report": ["run=parkour", "episodes=2", "grids=false", "grid_points=3", "traces=1", "variants=oracle", "out=out"],
+    "report": ["run=parkour", "episodes=2", "grids=false", "grid_cells=3", "traces=1", "variants=oracle", "out=out"],
     "bench": ["what=sim", "task=dive", "num_envs=2", "steps=2", "repeats=1"],
     "check": ["task=dive", "rho=0.2", "modes.flip.h=1.5"],
 }  # fmt: skip

@@ -171,8 +171,8 @@ def test_what_is_beyond_is_refused_in_one_sentence(overrides: dict[str, Any], se
         ("evaluate", ["run=parkour", "max_distance=nan"], "'max_distance' must be a number, found the text 'nan'."),
         ("evaluate", ["run=parkour", "max_distance=.nan"], "'max_distance' must be finite, found nan."),
         ("evaluate", ["run=parkour", "seed=-1"], "'seed' must be at least 0, found -1."),
-        ("evaluate", ["run=parkour", "grid=jump.w:nan:1:3,jump.h"], "needs 0 <= low <= high and 1 to 100 points."),
-        ("evaluate", ["run=parkour", "grid=jump.w:0.1:1:1000000000,jump.h"], "and 1 to 100 points."),
+        ("evaluate", ["run=parkour", "grid=jump.w:nan:1:3,jump.h"], "needs 0 <= low < high and 1 to 100 cells."),
+        ("evaluate", ["run=parkour", "grid=jump.w:0.1:1:1000000000,jump.h"], "and 1 to 100 cells."),
         ("play", ["task=dive", "seconds=1e13"], "'seconds' is too large"),
         ("train", ["task=dive", "seed=-1"], "'seed' must be at least 0, found -1."),
         (

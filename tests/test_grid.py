@@ -16,25 +16,27 @@ PARKOUR = load_task("parkour")
 
 
 def test_an_axis_spans_half_a_range_beyond_both_ends_and_knows_what_was_trained() -> None:
-    grid = read_grid("jump.w,jump.h", PARKOUR, points=5)
+    grid = read_grid("jump.w,jump.h", PARKOUR, cells=4)
     assert (grid.mode, grid.axes) == ("jump", ("w", "h"))
-    np.testing.assert_allclose(grid.values[0], [0.2, 0.3, 0.4, 0.5, 0.6])
-    np.testing.assert_allclose(grid.values[1][[0, -1]], [0.125, 0.425])
+    np.testing.assert_allclose(grid.edges[0], [0.2, 0.3, 0.4, 0.5, 0.6])
+    np.testing.assert_allclose(grid.edges[1][[0, -1]], [0.125, 0.425])
     assert grid.trained == {"w": [0.3, 0.5], "h": [0.2, 0.35]}
-    assert read_grid("pace.v,pace.length", PARKOUR).values[1][0] == 0.2  # half of 0.4, where half a range would give 0
+    assert read_grid("pace.v,pace.length", PARKOUR).edges[1][0] == 0.2  # half of 0.4, where half a range would give 0
 
 
-def test_an_axis_can_be_given_with_its_limits_and_points() -> None:
-    grid = read_grid("leap.w:0.1:0.3:3,leap.d:0.4:0.5:2", PARKOUR)
-    assert [tuple(cell.values()) for cell in grid.cells] == [
-        (0.1, 0.4), (0.1, 0.5), (0.2, 0.4), (0.2, 0.5), (0.3, 0.4), (0.3, 0.5),
-    ]  # fmt: skip
+def test_an_axis_can_be_given_with_its_limits_and_cells() -> None:
+    grid = read_grid("leap.w:0.1:0.3:2,leap.d:0.4:0.5:1", PARKOUR)
+    assert grid.cells == [
+        {"w": Range(0.1, 0.2), "d": Range(0.4, 0.5)},
+        {"w": Range(0.2, 0.3), "d": Range(0.4, 0.5)},
+    ]
 
 
 def test_data_keep_metrics_with_their_cells() -> None:
     grid = read_grid("jump.w:0:1:2,jump.h:2:3:2", PARKOUR)
-    data = grid.as_data([{"sum": cell["w"] + cell["h"]} for cell in grid.cells])
-    assert all(cell["metrics"]["sum"] == cell["w"] + cell["h"] for cell in data["cells"])
+    data = grid.as_data([{"sum": cell["w"].low + cell["h"].high} for cell in grid.cells])
+    assert [cell["metrics"]["sum"] for cell in data["cells"]] == [2.5, 3.0, 3.0, 3.5]
+    assert all(cell["metrics"]["sum"] == cell["w"][0] + cell["h"][1] for cell in data["cells"])
     assert data["axes"] == ["w", "h"]
 
 
@@ -46,9 +48,9 @@ def test_every_mode_with_two_ranges_has_a_grid_over_the_first_two() -> None:
 
 
 def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> None:
-    cell = cell_task(PARKOUR, "leap", {"w": 0.6})
+    cell = cell_task(PARKOUR, "leap", {"w": Range(0.6, 0.7)})
     assert cell.sampling.weights == {"pace": 0.0, "jump": 0.0, "leap": 1.0}
-    assert cell.mode_ranges["leap"]["w"] == Range(0.6, 0.6)
+    assert cell.mode_ranges["leap"]["w"] == Range(0.6, 0.7)
     assert cell.mode_ranges["leap"]["run_up"] == Range(0.3, 0.6)
     assert PARKOUR.mode_ranges["leap"]["w"] == Range(0.2, 0.35)
 
@@ -60,8 +62,8 @@ def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> N
         ("jump.w,leap.w", ValueError, "'grid' needs two parameters of one mode"),
         ("jmp.w,jmp.h", KeyError, "unknown mode 'jmp'.*Did you mean 'jump'"),
         ("jump.q,jump.h", KeyError, "mode 'jump' has no number 'q'"),
-        ("jump.w:1:2,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:points"),
-        ("jump.w:a:b:c,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:points"),
+        ("jump.w:1:2,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:cells"),
+        ("jump.w:a:b:c,jump.h", ValueError, "must be mode.parameter or mode.parameter:low:high:cells"),
     ],
 )
 def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: str) -> None:
@@ -69,9 +71,11 @@ def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: 
         read_grid(text, PARKOUR)
 
 
-@pytest.mark.parametrize("values", [{"w": 0.125, "run_up": 0.15}, {"w": 0.05, "run_up": 0.05}])
-def test_a_cell_has_room_for_modes_far_shorter_than_those_of_training(values: dict[str, float]) -> None:
-    env = BatchEnv(cell_task(replace(PARKOUR.for_evaluation(), terminations={}), "leap", values), 2, seed=0, threads=1)
+@pytest.mark.parametrize(("w", "run_up"), [(0.125, 0.15), (0.05, 0.05)])
+def test_a_cell_has_room_for_modes_far_shorter_than_those_of_training(w: float, run_up: float) -> None:
+    task = replace(PARKOUR.for_evaluation(), terminations={})
+    cell = {"w": Range(w, w), "run_up": Range(run_up, run_up)}
+    env = BatchEnv(cell_task(task, "leap", cell), 2, seed=0, threads=1)
     env.reset()
     x = env.sim.base_qpos
     for _ in range(60):  # wherever a robot is along the track, the track goes on

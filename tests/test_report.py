@@ -40,7 +40,7 @@ def sweep(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def run_page(sweep: Path) -> Path:
     (sweep / "0" / "run.mp4").write_bytes(b"not really a film")
-    grids = ["grid_points=2", "cell_episodes=1", "modes.pace.v=0.8"]
+    grids = ["grid_cells=3", "cell_episodes=1", "modes.pace.v=0.8"]
     done = program("report", f"run={sweep / '0'}", *QUICK, *grids, "traces=2", cwd=sweep)
     assert done.returncode == 0, done.stderr
     return sweep / "0" / "report"
@@ -107,8 +107,8 @@ def test_the_evaluation_is_that_of_ogmp_eval(run_page: Path, tmp_path: Path) -> 
 
 def test_heat_maps_know_which_cells_were_trained_on(run_page: Path) -> None:
     cells = rows(run_page / "grids.csv")
-    assert [cell["mode"] for cell in cells] == ["jump"] * 4 + ["leap"] * 4
-    assert {cell["trained"] for cell in cells} == {"False"}  # two points of an axis are its ends
+    assert [cell["mode"] for cell in cells] == ["jump"] * 9 + ["leap"] * 9
+    assert [cell["trained"] for cell in cells] == 2 * (["False"] * 4 + ["True"] + ["False"] * 4)  # the middle of 3 x 3
 
 
 def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Path) -> None:
@@ -134,8 +134,8 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
     subject = Subject(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
     causes = subject.evaluation(3, 0, done.append)["terminations"]
     assert sum(causes.values()) == sum(done) == 3
-    for grid in default_grids(subject.task, 2):
-        assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 4
+    for grid in default_grids(subject.task, 3):
+        assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 9
     with pytest.raises(AssertionError, match="played again"):
         subject.evaluation(4, 0, done.append)
 

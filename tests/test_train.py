@@ -250,7 +250,9 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
     done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", "evaluation.episode_steps=20", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "metrics.json").read_text())["grid"]
-    assert [(cell["w"], cell["d"]) for cell in report["cells"]] == [(0.1, 0.4), (0.1, 0.5), (0.3, 0.4), (0.3, 0.5)]
+    assert [(cell["w"], cell["d"]) for cell in report["cells"]] == [
+        ([0.1, 0.2], [0.4, 0.45]), ([0.1, 0.2], [0.45, 0.5]), ([0.2, 0.3], [0.4, 0.45]), ([0.2, 0.3], [0.45, 0.5]),
+    ]  # fmt: skip
     assert report["trained"]["w"] == [0.2, 0.35]
     assert (tmp_path / "grid.png").stat().st_size > 5000
 
