@@ -6,6 +6,7 @@ import numpy as np
 
 from ogmp_sb3 import snapshots
 from ogmp_sb3.definitions import MAX_BOXES, TaskConfig
+from ogmp_sb3.modes import Segment
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.sampling import ModeCall, ModeSampler, PlainModes, corner_segments, mode_calls, plain_modes
 from ogmp_sb3.terrain import Plateau, empty_terrain, place
@@ -14,6 +15,7 @@ START_PLATEAU = 2.0  # m: flat ground behind the start of a track
 KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept
 REACH = 1.2  # m: terrain ahead of the base that is always there
 MAX_LOOKAHEAD = 100.0  # m: more is a slip of the pen
+COMMANDED = 2  # a timed mode may be commanded to last this many times as long as any that is drawn
 LEAST_SPANS, MAX_SPANS = 24, 1_000  # room for spans of each environment; a task that needs more is a slip of the pen
 
 
@@ -36,6 +38,20 @@ class Course:
         self._mode_count = np.zeros(num_envs, dtype=int)
         self.modes: list[list[ModeCall]] = [[] for _ in range(num_envs)]
         self.commands: list[list[ModeCall]] = [[] for _ in range(num_envs)]  # modes that come before drawn ones
+
+    def command(self, row: int, call: ModeCall) -> None:
+        """Have a mode come next, before drawn ones and behind those commanded already.
+
+        :raises ValueError: if it lasts too long
+        """
+        segment = call.segment()
+        if self.timed and _steps(self.task, segment) >= self.most_steps:
+            values = ", ".join(f"{key} {value}" for key, value in call.parameters.items())
+            raise ValueError(
+                f"{call.name} ({values}) lasts {segment.spans[-1].end:.1f} s; there is room for "
+                f"{(self.most_steps - 1) * self.task.control_dt:.1f} s."
+            )
+        self.commands[row].append(call)
 
     def begin(self, row: int, rng: np.random.Generator, level: float) -> float:
         """Begin a new variant; returns the height of the ground at its start, m."""
@@ -158,6 +174,11 @@ def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
     return weight * min(speeds) * duration, weight * max(speeds) * duration
 
 
+def _steps(task: TaskConfig, segment: Segment) -> int:
+    """Control steps of a timed mode."""
+    return round(segment.spans[-1].end / task.control_dt)
+
+
 def room(task: TaskConfig) -> tuple[int, int]:
     """How many terrain boxes and set-point spans may lie around a robot, if all modes are as short as they can be."""
     timed, lookahead, _ = _extent(task)
@@ -178,7 +199,7 @@ def _extent(task: TaskConfig) -> tuple[bool, float, int]:
             raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
         if task.sampling.order != "sequence":
             raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
-        return True, 0.0, max(round(s.spans[-1].end / task.control_dt) for s in corners) + 1
+        return True, 0.0, COMMANDED * max(_steps(task, s) for s in corners) + 1
     if task.horizon is None:
         raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
     if any(s.length <= 0 for s in corners):

@@ -113,17 +113,18 @@ class BatchEnv:
         return len(self._nominal)
 
     def seed(self, seed: int) -> None:
-        """Give row ``i`` the generator of ``seed + i``, and start its curriculum anew."""
+        """Give row ``i`` the generator of ``seed + i``, and start its curriculum anew without commands."""
         for row in range(self.num_envs):
             self.seed_row(row, seed + row)
 
     def seed_row(self, row: int, seed: int) -> None:
-        """Give one row a generator of its own, and start its curriculum anew."""
+        """Give one row a generator of its own, and start its curriculum anew without commands."""
         if seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {seed}.")
         self._rng[row] = np.random.default_rng(seed)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
+        self.course.commands[row].clear()
         self._ended[row] = False
         self.level[row] = self._first_level
 
@@ -136,13 +137,14 @@ class BatchEnv:
         :param mode: name of one of the task's modes
         :param parameters: its parameters; those left out are drawn from the task's ranges
         :raises KeyError: for an unknown mode or parameter
+        :raises ValueError: for a timed mode that lasts too long
         """
         ranges = self.task.mode_ranges
         if mode not in ranges:
             raise KeyError(f"the task has no mode '{mode}'{did_you_mean(mode, ranges)}")
         registry.modes.check(mode, {**ranges[mode], **parameters})
         drawn = draw_parameters(ranges[mode], self._rng[row])
-        self.course.commands[row].append(ModeCall(mode, {**drawn, **parameters}))
+        self.course.command(row, ModeCall(mode, {**drawn, **parameters}))
 
     def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
         """Begin new episodes.

@@ -71,7 +71,7 @@ class Player:
     def reset(self, seed: int | None = None) -> Frame:
         """Begin a new episode.
 
-        :param seed: None: go on drawing modes where the last episode stopped
+        :param seed: forget what was commanded; None: go on drawing modes where the last episode stopped
         """
         if seed is not None:
             self.env.seed(seed)
@@ -99,6 +99,7 @@ class Player:
         """Have the robot go on with a mode (:meth:`BatchEnv.command`); in a timed task, begin anew with it.
 
         :raises KeyError: for an unknown mode or parameter
+        :raises ValueError: for a timed mode that lasts too long
         """
         self.env.command(0, mode, **parameters)
         if self.env.course.timed:

@@ -67,7 +67,7 @@ class Viewer:
         :param seconds: by the clock on the wall
         """
         while not self._asked.empty():
-            self._asked.get()()
+            self._try(self._asked.get())
         if not self.paused:
             # A machine that is too slow plays slower, rather than ever further behind.
             self._share += min(seconds, 3 * FRAME_TIME) * self.speed / self.player.task.control_dt
@@ -79,14 +79,20 @@ class Viewer:
     def step(self) -> None:
         """One control step."""
         self._before = self.player.frame
-        try:
-            frame = self.player.step()
-        except ValueError as error:  # commands that leave no room for the ground around the robot
-            self.player.env.course.commands[0].clear()
-            frame, self._last_end = self.player.reset(), str(error)
+        self._try(self.player.step)
+        frame = self.player.frame
         self._history.append((frame.reward, frame.deviation))
         if frame.ended:
             self._last_end = f"{frame.ended} at {frame.time:.1f} s, {frame.base[0]:.1f} m"
+
+    def _try(self, action: Callable[[], object]) -> None:
+        """Do something; if a command makes it impossible, say so on the page and begin anew without commands."""
+        try:
+            action()
+        except ValueError as error:
+            self._last_end = str(error)
+            self.player.env.course.commands[0].clear()
+            self.player.reset()
 
     def show(self) -> None:
         """Bring the page up to date."""

@@ -139,6 +139,30 @@ def test_a_command_of_a_timed_task_begins_anew_with_it() -> None:
     assert player.frame.base[1] > 0.3
 
 
+@pytest.mark.parametrize("overrides", [{}, {"modes.flip.h": 2.0}])
+def test_a_flip_from_as_high_as_the_viewer_s_slider_goes_can_be_commanded(overrides: dict[str, float]) -> None:
+    player = Player(load_task("dive", overrides), None)
+    for direction in ("front", "left"):
+        player.command("flip", r=direction, h=player.commands["flip"]["h"].beyond()[1])
+        while player.step().mode != "settle":
+            pass
+
+
+def test_a_timed_mode_that_lasts_too_long_is_refused_in_a_sentence() -> None:
+    player = Player(load_task("dive"), None)
+    with pytest.raises(ValueError, match=r"flip \(r front, h 20\.0\) lasts 2\.\d s; there is room for 2\.\d s"):
+        player.command("flip", r="front", h=20.0)
+    assert player.step().time > 0
+
+
+def test_a_seed_forgets_what_was_commanded() -> None:
+    player, other = Player(flat(), None), Player(flat(), None)
+    player.command("pace", v=1.1, length=3.0)
+    player.reset(5)
+    other.reset(5)
+    assert [call.parameters for call in player.env.modes[0]] == [call.parameters for call in other.env.modes[0]]
+
+
 def test_unknown_commands_are_refused() -> None:
     with pytest.raises(KeyError, match="no mode 'hop'"):
         Player(flat(), None).command("hop")

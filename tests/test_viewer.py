@@ -129,6 +129,15 @@ def test_commands_that_leave_no_room_for_terrain_end_the_episode_and_say_so(serv
     assert viewer.player.frame.time > 0
 
 
+def test_a_command_that_cannot_be_carried_out_is_named_on_the_page_and_the_play_goes_on(serve) -> None:
+    viewer = serve(Player(load_task("dive"), None))
+    viewer._asked.put(lambda: viewer.player.command("flip", h=50.0))
+    viewer.advance(STEP)
+    assert "there is room for" in viewer._last_end
+    viewer.advance(STEP)
+    assert viewer.player.frame.time > 0
+
+
 class Browser:
     """A Chromium without a window, driven through its DevTools protocol."""
 
