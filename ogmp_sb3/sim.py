@@ -56,6 +56,8 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     except ValueError as error:
         raise ValueError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
     _check_names(model, robot)
+    _check_servos(model, robot)
+    _check_ground(model, robot)
     return model
 
 
@@ -73,6 +75,27 @@ def _check_names(model: mujoco.MjModel, robot: RobotConfig) -> None:
                 raise ValueError(f"{robot.mjcf_path}: no {kind} '{name}'{did_you_mean(name, found)}")
     if len(robot.joints) != model.nu:
         raise ValueError(f"{robot.mjcf_path}: {model.nu} actuators, but robot.yaml names {len(robot.joints)} joints.")
+
+
+def _check_servos(model: mujoco.MjModel, robot: RobotConfig) -> None:
+    for name in robot.joints:
+        servo = model.actuator(name)
+        kp = servo.gainprm[0]
+        of_joint = servo.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT and servo.trnid[0] == model.joint(name).id
+        if not (of_joint and kp > 0 and servo.biasprm[1] == -kp):
+            raise ValueError(
+                f"{robot.mjcf_path}: actuator '{name}' must be a position servo of joint '{name}', e.g. "
+                f'<position name="{name}" joint="{name}" kp="30" kv="1"/>.'
+            )
+
+
+def _check_ground(model: mujoco.MjModel, robot: RobotConfig) -> None:
+    for geom in map(model.geom, np.flatnonzero(model.geom_bodyid == 0)):
+        if not geom.name.startswith("terrain_") and (geom.contype[0] or geom.conaffinity[0]):
+            raise ValueError(
+                f"{robot.mjcf_path}: geom '{geom.name or geom.id}' of the world collides, but the ground is the task's: "
+                "remove it."
+            )
 
 
 class Simulation:
@@ -127,6 +150,14 @@ class Simulation:
         if not contacts:
             raise ValueError(f"{robot.mjcf_path}: no contact sensors; each body that may touch the ground needs one.")
         bodies = {s.id: self.model.body(int(self.model.sensor_objid[s.id])).name for s in contacts}
+        colliding = (self.model.geom_contype | self.model.geom_conaffinity) & 1 > 0  # with the terrain
+        for body in dict.fromkeys(self.model.geom_bodyid[colliding & (self.model.geom_bodyid > 0)].tolist()):
+            name = self.model.body(body).name
+            if name not in {*bodies.values(), *robot.feet}:
+                raise ValueError(
+                    f"{robot.mjcf_path}: body '{name or body}' can touch the ground but has no contact sensor, e.g. "
+                    f'<contact name="{name}_contact" body1="{name}" body2="world" num="1" data="found"/>.'
+                )
         return np.array([s.adr[0] for s in contacts if bodies[s.id] not in robot.feet], dtype=int)
 
     def set_terrain(self, rows: np.ndarray, terrain: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 """Batched MuJoCo: the terrain really moves, trouble stays in its row, threads change nothing."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -124,6 +125,25 @@ def test_a_missing_mjcf_file_is_one_sentence(tmp_path: object) -> None:
     with pytest.raises(ValueError, match=r"nowhere\.xml") as caught:
         build_model(replace(HECTOR, mjcf="nowhere.xml"), PHYSICS_DT, 1)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("found", "written", "message"),
+    [
+        ('<position name="L_knee"', '<motor name="L_knee"', "actuator 'L_knee' must be a position servo of joint 'L_knee'"),
+        ('joint="L_knee"', 'joint="R_knee"', "actuator 'L_knee' must be a position servo of joint 'L_knee'"),
+        ("<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1"/>', "geom 'floor' of the world collides"),
+        ('<contact name="L_calf_contact" body1="L_calf"', '<contact name="x" body1="trunk"', "body 'L_calf' can touch"),
+    ],
+)
+def test_a_model_that_would_not_do_what_the_task_asks_is_refused(
+    found: str, written: str, message: str, tmp_path: Path
+) -> None:
+    mjcf = HECTOR.mjcf_path.read_text(encoding="utf-8")
+    assert found in mjcf
+    (tmp_path / "model.xml").write_text(mjcf.replace(found, written, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        Simulation(replace(HECTOR, mjcf=str(tmp_path / "model.xml")), 1, PHYSICS_DT, 1, 1)
 
 
 # ---- terrain ----
