@@ -196,7 +196,7 @@ def _run(arguments: list[str]) -> None:
         plot_grids([report["grid"]], "return", out / "grid.png")
         console.print(f"{out / 'grid.png'}")
     elif config.robustness:
-        sweeps = disturbance_sweeps(training_task(loaded, overrides, config).randomisation)
+        sweeps = disturbance_sweeps(training_task(loaded, overrides, config))
         with progress_bar(config.episodes * episode_sets(sweeps), "episode") as bar:
             report["robustness"] = play_sweeps(
                 sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update

@@ -32,7 +32,7 @@ def _at_least(name: str, found: Range | None, least: float, above: bool = False)
 class PushConfig:
     """Kicks: the base's velocity changes at once, in a random horizontal direction."""
 
-    every: float
+    every: float = 2.0
     """time between kicks, s; the first comes at a random time within it"""
     speed: Range
     """change of velocity, drawn for every kick, m/s"""

@@ -14,9 +14,9 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.metrics import Summary, no_fall_fraction, summarise
 from ogmp_sb3.policy import LstmPolicy
-from ogmp_sb3.randomisation import PushConfig, RandomisationConfig
+from ogmp_sb3.randomisation import MAX_LATENCY, PushConfig, RandomisationConfig
 from ogmp_sb3.ranges import Range
-from ogmp_sb3.sim import TERRAIN_FRICTION
+from ogmp_sb3.sim import build_model
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
 LEAST = 0.05  # of factors and of friction
@@ -26,7 +26,7 @@ DEFAULT = RandomisationConfig(
     gains=Range(0.9, 1.1),
     latency=Range(0.0, 1.0),
     sensor_noise=Range(0.0, 0.1),
-    push=PushConfig(every=2.0, speed=Range(0.0, 0.3)),
+    push=PushConfig(speed=Range(0.0, 0.3)),
 )
 """Ranges of what a task does not declare."""
 
@@ -53,8 +53,9 @@ class Sweep:
         """Every size, towards both ends of the range; ascending."""
         reach = np.array([min(self.range.low - self.none, 0.0), max(self.range.high - self.none, 0.0)])
         values = self.none + np.outer(SIZES, reach).ravel()
-        least = min(LEAST, self.none)
-        return np.unique(np.maximum(values, least).round(0 if self.name == "latency" else 4))
+        if self.name == "latency":
+            return np.unique(np.minimum(values, MAX_LATENCY).round())
+        return np.unique(np.maximum(values, min(LEAST, self.none)).round(4))
 
     def alone(self, value: float) -> RandomisationConfig:
         """This disturbance at a size, and no other."""
@@ -64,17 +65,17 @@ class Sweep:
         return replace(RandomisationConfig(), **{self.name: fixed})
 
 
-def disturbance_sweeps(declared: RandomisationConfig | None) -> list[Sweep]:
+def disturbance_sweeps(task: TaskConfig) -> list[Sweep]:
     """A sweep of every disturbance.
 
-    :param declared: the task's
+    :param task: as in training
     """
-    declared = declared or RandomisationConfig()
+    declared = task.randomisation or RandomisationConfig()
     every = (declared.push or DEFAULT.push).every  # type: ignore[union-attr]
     sweeps = []
     for name, label, none in (
         ("mass", "factor on mass", 1.0),
-        ("friction", "friction coefficient", TERRAIN_FRICTION[0]),
+        ("friction", "friction coefficient", _friction(task)),
         ("gains", "factor on kp and kd", 1.0),
         ("latency", "latency (control steps)", 0.0),
         ("sensor_noise", "sensor noise (scales)", 0.0),
@@ -85,6 +86,13 @@ def disturbance_sweeps(declared: RandomisationConfig | None) -> list[Sweep]:
         range_ = found.speed if isinstance(found, PushConfig) else found
         sweeps.append(Sweep(name, label, none, range_, own is not None, every))
     return sweeps
+
+
+def _friction(task: TaskConfig) -> float:
+    """The sliding friction coefficient between the robot and the ground: the greater of the two, as MuJoCo has it."""
+    model = build_model(task.robot_config, task.physics_dt, 1)
+    colliding = (model.geom_contype | model.geom_conaffinity) > 0
+    return float(model.geom_friction[colliding, 0].max())
 
 
 def episode_sets(sweeps: list[Sweep]) -> int:

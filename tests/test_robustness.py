@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,13 @@ NAMES = ["mass", "friction", "gains", "latency", "sensor_noise", "push"]
 
 
 def sweep(name: str, **declared: object) -> robustness.Sweep:
-    config = load_task("parkour", {"randomisation": declared}).randomisation
-    return next(found for found in robustness.disturbance_sweeps(config) if found.name == name)
+    task = load_task("parkour", {"randomisation": declared})
+    return next(found for found in robustness.disturbance_sweeps(task) if found.name == name)
 
 
 def test_every_disturbance_there_is_has_a_sweep() -> None:
-    assert [found.name for found in robustness.disturbance_sweeps(None)] == list(vars(RandomisationConfig())) == NAMES
+    sweeps = robustness.disturbance_sweeps(load_task("parkour"))
+    assert [found.name for found in sweeps] == list(vars(RandomisationConfig())) == NAMES
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,7 @@ def test_every_disturbance_there_is_has_a_sweep() -> None:
         ("friction", [0.4, 0.6], [0.05, 0.1, 0.4, 0.7, 1.0]),
         ("gains", [1.0, 1.4], [1.0, 1.2, 1.4, 1.6, 1.8]),
         ("latency", [1, 2], [0, 1, 2, 3, 4]),
+        ("latency", [1, 80], [0, 40, 80, 100]),
         ("sensor_noise", 0.1, [0.0, 0.05, 0.1, 0.15, 0.2]),
         ("push", {"every": 2, "speed": [0.1, 0.4]}, [0.0, 0.2, 0.4, 0.6, 0.8]),
     ],
@@ -52,6 +55,15 @@ def test_what_the_task_leaves_out_gets_a_default_range() -> None:
     assert found.values[[0, -1]].tolist() == [0.8, 1.2]
 
 
+def test_undisturbed_is_the_friction_of_the_robot_where_it_is_the_greater(tmp_path: Path) -> None:
+    task = load_task("parkour")
+    mjcf = task.robot_config.mjcf_path.read_text(encoding="utf-8")
+    (tmp_path / "grippy.xml").write_text(mjcf.replace('friction="1.0"', 'friction="1.3"'), encoding="utf-8")
+    grippy = replace(task, robot_config=replace(task.robot_config, mjcf=str(tmp_path / "grippy.xml")))
+    none = {found.name: found.none for found in robustness.disturbance_sweeps(grippy)}
+    assert none["friction"] == 1.3
+
+
 def test_a_disturbance_is_played_alone() -> None:
     assert sweep("friction", mass=[0.5, 1.5]).alone(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
     push = PushConfig(every=0.7, speed=Range(0.4, 0.4))
@@ -62,7 +74,7 @@ def test_a_disturbance_is_played_alone() -> None:
 def evaluation(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("robustness")
     make_policy(folder / "policy", "dive", 1)
-    arguments = ["randomisation.push.speed=3.0", "randomisation.push.every=0.3", "evaluation.episode_steps=15"]
+    arguments = ["randomisation.push.speed=3.0", "evaluation.episode_steps=15"]
     done = program("evaluate", "run=policy", "robustness=true", "episodes=4", "out=eval", *arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "eval"
