@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3 import registry
-from ogmp_sb3.definitions import ModeRanges, RobotConfig, Scene, TaskConfig, Terms
+from ogmp_sb3.definitions import ModeRanges, RobotConfig, TaskConfig, Terms
 from ogmp_sb3.registry import Registry, broken_plugins, did_you_mean, load_plugins
 from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
@@ -16,7 +16,6 @@ from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 PACKAGE = Path(__file__).parent
 TASKS_DIR = PACKAGE / "tasks"
 ROBOTS_DIR = PACKAGE / "robots"
-SCENES_DIR = TASKS_DIR / "scenes"
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
@@ -30,7 +29,7 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     """
     path = task_path(name_or_path)
     data = read_yaml(path)
-    return task_from_data(apply_overrides(data, overrides, _shown(path)), path)
+    return task_from_data(apply_overrides(data, overrides, shown(path)), path)
 
 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterabl
 
 def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
     """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`."""
-    where = Where(_shown(path))
+    where = Where(shown(path))
     task = read(TaskConfig, data, where)
     with _located(where / "robot"):
         robot = load_robot(task.robot, path.parent)
@@ -69,26 +68,6 @@ def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
         terminations=_read_terms(task.terminations, registry.terminations, where / "terminations"),
         evaluation=replace(task.evaluation, terminations=ending),
     )
-
-
-def apply_scene(data: dict[str, Any], name_or_path: str) -> dict[str, Any]:
-    """Put a scene into plain task data, in place, and return it: its sequence of modes is what is drawn.
-
-    :param name_or_path: a shipped scene (``"pace_to_jump"``) or the path of a YAML file
-    :raises KeyError: for an unknown scene or key
-    :raises ValueError: for a file that cannot be read
-    """
-    path = Path(name_or_path)
-    if not name_or_path.endswith((".yaml", ".yml")):
-        path = SCENES_DIR / f"{name_or_path}.yaml"
-        if not path.is_file():
-            names = [p.stem for p in SCENES_DIR.glob("*.yaml")]
-            raise KeyError(f"unknown scene '{name_or_path}'{did_you_mean(name_or_path, names)}")
-    scene = read_yaml(path)
-    read(Scene, scene, Where(_shown(path)))
-    data["sampling"] = {"order": "sequence", "sequence": scene["sequence"], "repeat": "last"}
-    data["curriculum"] = None
-    return data
 
 
 def task_path(name_or_path: str | Path) -> Path:
@@ -144,9 +123,9 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
                 known = did_you_mean(name_or_path, robots)
                 raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
             path = robots[name_or_path]
-    robot = replace(read(RobotConfig, read_yaml(path), Where(_shown(path))), path=path)
+    robot = replace(read(RobotConfig, read_yaml(path), Where(shown(path))), path=path)
     if not _is_file(robot.mjcf_path):
-        raise ValueError(f"{Where(_shown(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
+        raise ValueError(f"{Where(shown(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
     return robot
 
 
@@ -310,7 +289,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _shown(path: Path) -> str:
+def shown(path: Path) -> str:
     """A path as a message shows it: shipped files by their short name."""
     try:
         return str(path.resolve().relative_to(PACKAGE.resolve().parent))

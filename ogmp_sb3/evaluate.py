@@ -16,7 +16,6 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
-from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
@@ -28,6 +27,7 @@ from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.scenes import task_for_test
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
@@ -102,10 +102,8 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
 
 def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
     """The task as in training, with the user's overrides."""
-    data = apply_overrides(copy.deepcopy(loaded.task_data), overrides, PROGRAM)
-    if config.scene:
-        apply_scene(data, config.scene)
-    return task_from_data(data, loaded.task_path)
+    used = ("randomisation",) if config.robustness else ()
+    return task_for_test(copy.deepcopy(loaded.task_data), loaded.task_path, overrides, config.scene, PROGRAM, used)
 
 
 def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:

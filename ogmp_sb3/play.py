@@ -9,10 +9,11 @@ from rich.console import Console
 
 from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import load_policy
-from ogmp_sb3.config import apply_overrides, apply_scene, task_from_data, task_path
+from ogmp_sb3.config import task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.player import Player
 from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.video import check_suffix, write_video
 from ogmp_sb3.viewer import Viewer
@@ -51,7 +52,8 @@ HELP = cli.usage(
     "watch a policy, or a task's oracle, in a browser or as a video.",
     [
         "ogmp-play run=runs/parkour/2026-01-31_12-00-00",
-        "ogmp-play run=parkour scene=pace_to_jump oracle=lqr modes.jump.h=0.3",
+        "ogmp-play run=parkour scene=pace_to_jump oracle=lqr",
+        "ogmp-play run=parkour modes.jump.h=[0.35,0.4]",
         "ogmp-play task=dive",
         "ogmp-play run=parkour video=parkour.mp4 seconds=20",
         "ogmp-play run=parkour video=strip.png seconds=3",
@@ -71,10 +73,7 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPoli
         assert config.task is not None
         path = task_path(config.task)
         data = read_yaml(path)
-    apply_overrides(data, overrides, PROGRAM)
-    if config.scene is not None:
-        apply_scene(data, config.scene)
-    return task_from_data(data, path), policy
+    return task_for_test(data, path, overrides, config.scene, PROGRAM), policy
 
 
 def _run(arguments: list[str]) -> None:

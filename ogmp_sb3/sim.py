@@ -93,8 +93,8 @@ def _check_ground(model: mujoco.MjModel, robot: RobotConfig) -> None:
     for geom in map(model.geom, np.flatnonzero(model.geom_bodyid == 0)):
         if not geom.name.startswith("terrain_") and (geom.contype[0] or geom.conaffinity[0]):
             raise ValueError(
-                f"{robot.mjcf_path}: geom '{geom.name or geom.id}' of the world collides, but the ground is the task's: "
-                "remove it."
+                f"{robot.mjcf_path}: geom '{geom.name or geom.id}' of the world collides; remove it: "
+                "the ground is the task's."
             )
 
 

@@ -28,6 +28,7 @@ LAYERS = (
     {"randomisation", "restarts"},
     {"definitions"},
     {"config", "json_schema"},
+    {"scenes"},
     {"riccati", "terrain"},
     {"modes", "frame"},
     {"reference", "sampling"},

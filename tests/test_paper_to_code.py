@@ -15,10 +15,11 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from ogmp_sb3 import cli, train
-from ogmp_sb3.config import TASKS_DIR, apply_scene, load_task
+from ogmp_sb3.config import TASKS_DIR
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.grid import read_grid
 from ogmp_sb3.halving import SEARCHES
+from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.schema import read_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -91,9 +92,8 @@ def test_a_command_has_keys_and_values_that_its_program_and_task_know(command: s
     (kind,) = (found for name, found in vars(module).items() if name == f"{program[5:].capitalize()}Config")
     config, overrides = cli.parse(kind, arguments, program, cli.task_keys(TaskConfig))
     task = "dive" if "dive" in command else "parkour"
-    loaded = load_task(task, overrides)
-    if getattr(config, "scene", None):
-        apply_scene(read_yaml(TASKS_DIR / f"{task}.yaml"), config.scene)
+    path = TASKS_DIR / f"{task}.yaml"
+    loaded = task_for_test(read_yaml(path), path, overrides, getattr(config, "scene", None), program)
     if getattr(config, "grid", None):
         assert read_grid(config.grid, loaded).cells
 

@@ -130,9 +130,9 @@ def test_a_missing_mjcf_file_is_one_sentence(tmp_path: object) -> None:
 @pytest.mark.parametrize(
     ("found", "written", "message"),
     [
-        ('<position name="L_knee"', '<motor name="L_knee"', "actuator 'L_knee' must be a position servo of joint 'L_knee'"),
-        ('joint="L_knee"', 'joint="R_knee"', "actuator 'L_knee' must be a position servo of joint 'L_knee'"),
-        ("<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1"/>', "geom 'floor' of the world collides"),
+        ('<position name="L_knee"', '<motor name="L_knee"', "'L_knee' must be a position servo of joint 'L_knee'"),
+        ('joint="L_knee"', 'joint="R_knee"', "'L_knee' must be a position servo of joint 'L_knee'"),
+        ("<worldbody>", '<worldbody><geom name="floor" type="plane" size="5 5 1"/>', "geom 'floor' of the world"),
         ('<contact name="L_calf_contact" body1="L_calf"', '<contact name="x" body1="trunk"', "body 'L_calf' can touch"),
     ],
 )

@@ -1,0 +1,72 @@
+"""A task as a policy is tested on it: with the user's changes, and with a scene's modes in place of drawn ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ogmp_sb3.config import TASKS_DIR, apply_overrides, shown, task_from_data
+from ogmp_sb3.definitions import Scene, TaskConfig
+from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.schema import Where, read, read_yaml
+
+SCENES_DIR = TASKS_DIR / "scenes"
+TRAINING_ONLY = {
+    "curriculum": "none",
+    "restarts": "none",
+    "min_step_reward": "none",
+    "episode_steps": "evaluation.episode_steps",
+    "terminations": "evaluation.terminations",
+    "randomisation": "evaluation.randomisation",
+}
+"""Keys of a task file that a test does not use, and what it has instead."""
+
+
+def task_for_test(
+    data: dict[str, Any], path: Path, overrides: list[str], scene: str | None, program: str, used: Iterable[str] = ()
+) -> TaskConfig:
+    """A task, as in training, with the changes that are wanted for a test.
+
+    :param data: of the task, which is changed
+    :param path: of the task file, for messages
+    :param overrides: ``key=value``
+    :param scene: a shipped scene (``"pace_to_jump"``) or the path of a YAML file; None: the task's own modes
+    :param program: for messages
+    :param used: keys for training that this test uses
+    :raises KeyError: for an unknown scene or key
+    :raises ValueError: for a file that cannot be read, or an override that would change nothing
+    """
+    for override in overrides:
+        key = override.partition("=")[0]
+        first = key.partition(".")[0]
+        if first in TRAINING_ONLY and first not in used:
+            instead = TRAINING_ONLY[first]
+            raise ValueError(f"{program}: '{key}' is for training alone; a test has {instead}.")
+    apply_overrides(data, overrides, program)
+    if scene is not None:
+        _apply_scene(data, scene, overrides)
+    return task_from_data(data, path)
+
+
+def _apply_scene(data: dict[str, Any], name_or_path: str, overrides: list[str]) -> None:
+    """Put a scene into plain task data: its sequence of modes is what is drawn."""
+    path = Path(name_or_path)
+    if not name_or_path.endswith((".yaml", ".yml")):
+        path = SCENES_DIR / f"{name_or_path}.yaml"
+        if not path.is_file():
+            names = [p.stem for p in SCENES_DIR.glob("*.yaml")]
+            raise KeyError(f"unknown scene '{name_or_path}'{did_you_mean(name_or_path, names)}")
+    data_of_scene = read_yaml(path)
+    scene = read(Scene, data_of_scene, Where(shown(path)))
+    for override in overrides:
+        kind, *names = override.partition("=")[0].split(".")
+        hidden = (
+            kind == "modes"
+            and len(names) == 2
+            and all(entry.mode != names[0] or names[1] in entry.ranges for entry in scene.sequence)
+        )
+        if hidden or kind == "sampling":
+            raise ValueError(f"'{override}' has no effect in the scene '{name_or_path}', which says that itself.")
+    data["sampling"] = {"order": "sequence", "sequence": data_of_scene["sequence"], "repeat": "last"}
+    data["curriculum"] = None

@@ -1,0 +1,46 @@
+"""Tasks as they are tested: changes that would change nothing are refused."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from ogmp_sb3.config import TASKS_DIR
+from ogmp_sb3.ranges import Range
+from ogmp_sb3.scenes import SCENES_DIR, TRAINING_ONLY, task_for_test
+from ogmp_sb3.schema import read_yaml
+
+PATH = TASKS_DIR / "parkour.yaml"
+
+
+def parkour(*overrides: str, scene: str | None = None, used: tuple[str, ...] = ()):
+    return task_for_test(read_yaml(PATH), PATH, list(overrides), scene, "test", used)
+
+
+def test_a_scene_is_played_with_the_changes_that_it_leaves_room_for() -> None:
+    task = parkour("oracle=lqr", "modes.jump.run_up=0.5", scene="pace_to_jump")
+    assert (task.sampling.sequence[1].mode, task.sampling.sequence[1].ranges["h"]) == ("jump", Range(0.1, 0.1))
+    assert (task.oracle, task.curriculum, task.mode_ranges["jump"]["run_up"].low) == ("lqr", None, 0.5)
+
+
+@pytest.mark.parametrize("override", ["modes.jump.h=0.3", "modes.leap.w=0.3", "sampling.order=random"])
+def test_a_change_that_a_scene_hides_is_refused(override: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"'{override}' has no effect in the scene 'pace_to_jump'")):
+        parkour(override, scene="pace_to_jump")
+
+
+@pytest.mark.parametrize("key", TRAINING_ONLY)
+def test_keys_for_training_alone_are_refused(key: str) -> None:
+    with pytest.raises(ValueError, match=f"^test: '{key}' is for training alone; a test has "):
+        parkour(f"{key}=null")
+
+
+def test_a_test_of_robustness_uses_the_disturbances_of_the_training() -> None:
+    assert parkour("randomisation.mass=1.2", used=("randomisation",)).randomisation.mass == Range(1.2, 1.2)
+
+
+def test_a_scene_of_one_s_own_is_read_from_its_file(tmp_path) -> None:
+    scene = (SCENES_DIR / "faster.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(scene, encoding="utf-8")
+    assert parkour(scene=str(tmp_path / "mine.yaml")).sampling == parkour(scene="faster").sampling
