@@ -75,7 +75,8 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
 def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
     """The content of ``policy.json``, but for the checksums of the files beside it."""
     task, sim, lstm = loaded.task, env.sim, loaded.policy.lstm_actor
-    limits = sim.model.actuator_forcerange[sim.actuators]
+    limited = sim.model.actuator_forcelimited[sim.actuators]
+    limits = sim.model.actuator_forcerange[sim.actuators, 1]
     return {
         "format": FORMAT,
         "task": task.name,
@@ -99,7 +100,11 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "formula": "joint_target = nominal + scale * action",
         },
         "encoder_features": list(FEATURE_NAMES) if task.uses_latent else None,
-        "gains": {"kp": sim.kp.tolist(), "kd": sim.kd.tolist(), "torque_limit": limits[:, 1].tolist()},
+        "gains": {
+            "kp": sim.kp.tolist(),
+            "kd": sim.kd.tolist(),
+            "torque_limit": np.where(limited, limits, None).tolist(),
+        },
         "network": {"layers": lstm.num_layers, "hidden": lstm.hidden_size},
         "num_timesteps": loaded.info.get("num_timesteps"),
         "versions": {
@@ -175,10 +180,9 @@ def _check(what: str, difference: float, out: Path) -> None:
 
 def _run(arguments: list[str]) -> None:
     config, _ = cli.parse(ExportConfig, arguments, PROGRAM)
-    try:
-        from ogmp_sb3.controller import Controller
-    except ImportError as error:
-        raise ValueError(f'{error.name} is missing: pip install "ogmp_sb3[export]".') from None
+    cli.require("export", "onnx", "onnxruntime")
+    from ogmp_sb3.controller import Controller
+
     out = Path(config.out)
     if (out / "policy.safetensors").exists():
         raise ValueError(f"{out} holds a policy of its own, whose policy.json would be lost: name another 'out'.")

@@ -11,6 +11,7 @@ from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.player import Player
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.scenes import task_for_test
@@ -83,6 +84,8 @@ def _run(arguments: list[str]) -> None:
         check_suffix(path)
     cli.require("viewer", *(("viser",) if path is None else ("PIL", "imageio_ffmpeg")))
     task, policy = load(config, overrides)
+    if path is not None:
+        gl_library()  # before a long play
     player = Player(task, policy, config.seed)
     if path is not None:
         steps = max(1, round(config.seconds / task.control_dt))

@@ -183,6 +183,13 @@ def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
     np.testing.assert_allclose(env.sim.ctrl[0, env.sim.actuators], targets)
 
 
+def test_a_servo_without_a_limit_has_none(exported) -> None:
+    loaded, env, _ = exported("blind")
+    env.sim.model.actuator_forcelimited[env.sim.actuators[0]] = 0
+    limits = export.description(loaded, env)["gains"]["torque_limit"]
+    assert limits[0] is None and None not in limits[1:]
+
+
 @contextmanager
 def alone(out: Path) -> Iterator[Callable[[np.ndarray | None], np.ndarray]]:
     """The exported controller in an interpreter that has neither torch nor this package."""
@@ -274,12 +281,12 @@ def test_mistakes_are_a_sentence(arguments, sentence, policies, tmp_path: Path) 
     assert sentence in done.stderr
 
 
-def test_without_onnxruntime_the_program_names_the_extra(policies, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.delitem(sys.modules, "ogmp_sb3.controller", raising=False)
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_without_what_it_needs_the_program_names_the_extra(package: str, policies, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
     done = program("export", f"run={policies['dive']}", "out=x", cwd=tmp_path)
     assert done.returncode == 2
-    assert 'onnxruntime is missing: pip install "ogmp_sb3[export]"' in done.stderr
+    assert f"the package '{package}' is missing: pip install \"ogmp_sb3[export]\"" in done.stderr
 
 
 @pytest.mark.parametrize(
