@@ -14,16 +14,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.callbacks import CallbackList
 
-from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.config import load_task
+from ogmp_sb3 import make_env, make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
 from ogmp_sb3.plotting_training import plot_sweep_curves
-from ogmp_sb3.policy import policy_kwargs
-from ogmp_sb3.recipe import default_ppo
 from ogmp_sb3.runs import Run, read_run, read_sweep
 from ogmp_sb3.sweeps import mean_curve
 
@@ -46,14 +42,7 @@ def train_stock(folder: Path, num_envs: int = 64, every: int = 16_384) -> Run:
     log = folder / "progress.csv"
     if not log.is_file() or read_run(folder).samples < STOCK_SAMPLES:
         folder.mkdir(parents=True, exist_ok=True)
-        task, recipe = load_task("parkour"), default_ppo()
-        env = OgmpVecEnv(task, num_envs, seed=0)
-        noise = float(np.log(task.action.noise / task.action.scale))
-        network = policy_kwargs(env.batch.observation_scale, recipe.lstm_hidden_size, recipe.n_lstm_layers, noise)
-        settings = {key: value for key, value in recipe.settings().items() if key != "chunk_length"}
-        model = StockRecurrentPPO("MlpLstmPolicy", env, seed=0, device="cpu", policy_kwargs=network, **settings)
-        model.policy.log_std.requires_grad_(recipe.learn_noise)
-        model.lr_schedule = lambda _: recipe.learning_rate_at(model.num_timesteps)
+        model = make_model(make_env("parkour", num_envs), kind=StockRecurrentPPO)
         model.set_logger(make_logger(folder))
         callbacks = CallbackList([EpisodeStatistics(every), ProgressBar(STOCK_SAMPLES)])
         model.learn(STOCK_SAMPLES, callback=callbacks, log_interval=None)

@@ -14,23 +14,53 @@ from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
+    from ogmp_sb3.checkpoints import load_policy
+    from ogmp_sb3.env import BatchEnv
+    from ogmp_sb3.episodes import play_episodes
+    from ogmp_sb3.learner import make_model
+    from ogmp_sb3.player import Player
     from ogmp_sb3.recurrent import RecurrentPPO
+    from ogmp_sb3.video import write_video
 
 __version__ = "0.1.0"
-__all__ = ["OgmpEnv", "OgmpVecEnv", "RecurrentPPO", "TaskConfig", "load_task", "make_env"]
+__all__ = [
+    "BatchEnv",
+    "OgmpEnv",
+    "OgmpVecEnv",
+    "Player",
+    "RecurrentPPO",
+    "TaskConfig",
+    "load_policy",
+    "load_task",
+    "make_env",
+    "make_model",
+    "play_episodes",
+    "write_video",
+]
 
-_HEAVY = {"OgmpEnv": "adapters", "OgmpVecEnv": "adapters", "make_env": "adapters", "RecurrentPPO": "recurrent"}
+_LATER = {
+    "BatchEnv": "env",
+    "OgmpEnv": "adapters",
+    "OgmpVecEnv": "adapters",
+    "Player": "player",
+    "RecurrentPPO": "recurrent",
+    "load_policy": "checkpoints",
+    "make_env": "adapters",
+    "make_model": "learner",
+    "play_episodes": "episodes",
+    "write_video": "video",
+}
 
 import_mujoco()
 
-for _name in ("Parkour", "Dive"):
+for _name in ("Parkour", "Dive", "Stairs"):
     gymnasium.register(f"OGMP/{_name}-v0", entry_point="ogmp_sb3.adapters:OgmpEnv", kwargs={"task": _name.lower()})
 
 
 def __getattr__(name: str) -> Any:
-    """Import what needs PyTorch only when it is asked for."""
-    if name in _HEAVY:
+    """Import what takes long, as PyTorch does, only when it is asked for."""
+    if name in _LATER:
         import importlib
 
-        return getattr(importlib.import_module(f"ogmp_sb3.{_HEAVY[name]}"), name)
+        return getattr(importlib.import_module(f"ogmp_sb3.{_LATER[name]}"), name)
     raise AttributeError(f"module 'ogmp_sb3' has no attribute '{name}'")

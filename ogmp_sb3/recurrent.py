@@ -58,6 +58,9 @@ class RecurrentPPO(StockRecurrentPPO):
         self.undone_updates = self.undone_in_a_row = 0  # because something was not finite
         super().__init__(*args, **kwargs)
 
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "lr_schedule"]  # it follows from learning_rate
+
     def _setup_model(self) -> None:
         super()._setup_model()
         self._fast = (

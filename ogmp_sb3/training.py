@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch as th
 from stable_baselines3.common.callbacks import CallbackList
 
@@ -17,10 +16,9 @@ from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.latent import copy_encoder
+from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
-from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
-from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
 from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
 from ogmp_sb3.storage import alone, load_json, reason
@@ -115,18 +113,7 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
             _check_encoder(run_dir / ENCODER, checkpoint / ENCODER)
         task = replace(task, encoder=str(run_dir / ENCODER))
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
-    network = policy_kwargs(
-        env.batch.observation_scale,
-        lstm_hidden_size=config.ppo.lstm_hidden_size,
-        n_lstm_layers=config.ppo.n_lstm_layers,
-        log_std_init=float(np.log(task.action.noise / task.action.scale)),
-    )
-    model = RecurrentPPO(
-        "MlpLstmPolicy", env, seed=config.seed, device="cpu", policy_kwargs=network, **config.ppo.settings()
-    )
-    model.policy.log_std.requires_grad_(config.ppo.learn_noise)
-    # By samples, not by the share that is done: a run does not depend on how far it will go.
-    model.lr_schedule = lambda _: config.ppo.learning_rate_at(model.num_timesteps)
+    model = make_model(env, config.ppo, config.seed)
     origin = {"task": task_data, "task_file": task.file, "versions": versions()}
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))

@@ -45,7 +45,7 @@ LAYERS = (
     {"checkpoints"},
     {"onnx_models", "controller"},
     {"recipe"},
-    {"traces", "results", "page"},
+    {"learner", "traces", "results", "page"},
     {"plotting", "plotting_training", "logs", "averaging", "cli", "episodes", "zoo", "player", "stage"},
     {"saving"},
     {"training", "robustness", "epsilon", "video", "viewer"},

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ import ogmp_sb3
 from ogmp_sb3 import OgmpEnv, RecurrentPPO, zoo
 from ogmp_sb3.recipe import default_ppo
 
+DOCS = Path(__file__).parents[1] / "docs"
 PARKOUR = "ogmp_sb3:OGMP/Parkour-v0"
 SMALL: dict[str, Any] = {"n_steps": 32, "batch_size": 64, "n_epochs": 1, "seed": 0, "device": "cpu"}
 NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}
@@ -90,6 +93,42 @@ def test_an_evaluation_by_sb3_has_the_returns_of_the_episodes() -> None:
     mean, _ = evaluate_policy(model, ogmp_sb3.make_env("parkour", 2, rho=0.1), n_eval_episodes=4, warn=False)
     assert len(returns) == len(lengths) == 4
     assert mean == pytest.approx(np.mean(returns), rel=1e-5)
+
+
+def test_every_name_that_the_package_exports_is_there_and_documented() -> None:
+    page = (DOCS / "api.rst").read_text(encoding="utf-8").partition("The modules are")[0]
+    assert re.findall(r"^- :\w+:`~[\w.]+\.(\w+)`", page, re.MULTILINE) == sorted(
+        ogmp_sb3.__all__, key=lambda name: page.index(f".{name}`")
+    )
+    for name, module in re.findall(r"^- :\w+:`~([\w.]+)\.(\w+)`", page, re.MULTILINE):
+        assert getattr(importlib.import_module(name), module) is getattr(ogmp_sb3, module)
+
+
+@pytest.mark.parametrize("page", [DOCS / "sb3.md", DOCS.parent / "README.md"], ids=lambda page: page.name)
+def test_the_examples_in_python_run(page: Path, opengl, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tasks").symlink_to(DOCS.parent / "tasks")
+    smaller = {"100_000": "128", "eval_freq=1000": "eval_freq=1_000_000", "num_envs=64": "num_envs=2", ", 20,": ", 1,"}
+    names: dict[str, Any] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        if "rl_zoo3" not in block and "VecVideoRecorder" not in block:
+            for whole, part in smaller.items():
+                block = block.replace(whole, part)
+            exec(compile(block, page.name, "exec"), names)
+    assert (tmp_path / "my_policy.zip").is_file()
+    assert len(names["episodes"]) == 1
+
+
+def test_a_model_has_the_noise_and_the_settings_of_ogmp_train_and_can_be_saved(tmp_path: Path) -> None:
+    env = ours(2, 0)
+    model = ogmp_sb3.make_model(env, replace(default_ppo(), n_steps=16, batch_size=32), seed=3)
+    assert float(model.policy.log_std.exp().mean()) * 2.0 == pytest.approx(0.13)
+    assert not model.policy.log_std.requires_grad
+    model.num_timesteps = 6_000_000
+    assert model.lr_schedule(0.0) == pytest.approx(1.5e-4)
+    model.save(tmp_path / "model.zip")
+    again = RecurrentPPO.load(tmp_path / "model.zip", env=env)
+    assert again.lr_schedule(0.0) == pytest.approx(3e-4)
 
 
 def test_our_recurrent_ppo_is_saved_loaded_and_trained_on(tmp_path: Path) -> None:

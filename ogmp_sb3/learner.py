@@ -1,0 +1,40 @@
+"""A learner as ``ogmp-train`` makes it: its network, exploration noise, hyper-parameters and learning rate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from sb3_contrib import RecurrentPPO as StockRecurrentPPO
+from stable_baselines3.common.vec_env import VecEnv
+
+from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.policy import policy_kwargs
+from ogmp_sb3.recipe import PPOConfig, default_ppo
+from ogmp_sb3.recurrent import RecurrentPPO
+
+
+def make_model(
+    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: type[StockRecurrentPPO] = RecurrentPPO
+) -> Any:
+    """A recurrent policy that has learned nothing yet, and what trains it.
+
+    :param env: an :class:`~ogmp_sb3.adapters.OgmpVecEnv`, wrapped or not
+    :param ppo: hyper-parameters; None: those of ``ogmp-train``
+    :param seed: of the networks
+    :param kind: the learner's class: ours, or sb3-contrib's
+    :return: a ``kind``
+    """
+    ppo = ppo or default_ppo()
+    batch: BatchEnv = env.get_attr("batch")[0]
+    action = batch.task.action
+    noise = float(np.log(action.noise / action.scale))
+    network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise)
+    settings = ppo.settings()
+    if not issubclass(kind, RecurrentPPO):
+        del settings["chunk_length"]
+    model = kind("MlpLstmPolicy", env, seed=seed, device="cpu", policy_kwargs=network, **settings)
+    model.policy.log_std.requires_grad_(ppo.learn_noise)
+    # By samples, not by the share that is done: a run does not depend on how far it will go.
+    model.lr_schedule = lambda _: ppo.learning_rate_at(model.num_timesteps)
+    return model
