@@ -76,7 +76,7 @@ $(VENV)/audit/.installed: | $(BIN)/pip
 $(VENV)/integrations/.installed: $(SOURCES) | $(BIN)/pip
 	$(PYTHON) -m venv $(VENV)/integrations
 	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray]' rl_zoo3 hypothesis pytest pytest-xdist
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray]' 'rl_zoo3[plots]' hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch

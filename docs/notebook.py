@@ -2,7 +2,8 @@
 
     python docs/notebook.py docs/tutorials/first-policy.md docs/tutorials/first_policy.ipynb
 
-Prose becomes markdown, commands begin with an exclamation mark, and nothing has outputs before it is run.
+Prose becomes markdown, commands begin with an exclamation mark, pictures that they write are shown, and nothing has
+outputs before it is run.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def notebook(page: str) -> dict[str, Any]:
     parts = FENCE.split(page)  # text, then language, block and text again and again
     cells = [_cell("markdown", parts[0])]
     for language, block, text in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):
-        code = "\n".join(_command(line) for line in block.splitlines()) if language == "console" else block
+        code = _commands(block) if language == "console" else block
         cells += [_cell("code", code), _cell("markdown", text)]
     cells = [cell for cell in cells if cell["source"]]
     for number, cell in enumerate(cells):
@@ -39,9 +40,13 @@ def _cell(kind: str, text: str) -> dict[str, Any]:
     return cell | ({"execution_count": None, "outputs": []} if kind == "code" else {})
 
 
-def _command(line: str) -> str:
-    """A line of a console; what a program printed becomes a comment."""
-    return f"!{line[2:]}" if line.startswith("$ ") else f"# {line}"
+def _commands(block: str) -> str:
+    """The lines of a console; what a program printed becomes a comment, and a picture that it wrote is shown."""
+    lines = [f"!{line[2:]}" if line.startswith("$ ") else f"# {line}" for line in block.splitlines()]
+    pictures = re.findall(r"video=(\S+\.(?:png|gif))", block)
+    if pictures:
+        lines = ["from IPython.display import Image, display", *lines]
+    return "\n".join([*lines, *(f'display(Image("{picture}"))' for picture in pictures)])
 
 
 def text_of(page: Path) -> str:

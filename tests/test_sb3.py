@@ -227,13 +227,15 @@ def test_the_zoo_s_hyper_parameters_are_plain_data_and_those_of_ogmp_train() -> 
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rl_zoo3") is None, reason="rl_zoo3 is not installed")
-def test_the_zoo_trains(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "ppo_lstm", "--env", "OGMP/Parkour-v0"]
-    command += ["--gym-packages", "ogmp_sb3", "-conf", "ogmp_sb3.zoo", "-n", "256", "--device", "cpu"]
-    command += ["--num-threads", "1", "--eval-freq", "128", "--eval-episodes", "1"]
-    command += ["-params", "n_envs:2", "batch_size:64"]
-    done = subprocess.run(command, cwd=tmp_path, env=os.environ, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_the_zoo_trains_and_plays(tmp_path: Path) -> None:
+    task = ["--algo", "ppo_lstm", "--env", "OGMP/Parkour-v0", "--gym-packages", "ogmp_sb3", "--device", "cpu"]
+    task += ["--num-threads", "1"]
+    train = ["train", *task, "-conf", "ogmp_sb3.zoo", "-n", "256", "--eval-freq", "128", "--eval-episodes", "1"]
+    train += ["-params", "n_envs:2", "batch_size:64"]
+    for arguments in (train, ["enjoy", *task, "-f", "logs", "--no-render", "-n", "20"]):
+        command = [str(Path(sys.executable).parent / "rl_zoo3"), *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=os.environ, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
     (folder,) = (tmp_path / "logs" / "ppo_lstm").iterdir()
     assert {"best_model.zip", "evaluations.npz"} <= {path.name for path in folder.iterdir()}
     assert sb3_contrib.RecurrentPPO.load(folder / "OGMP-Parkour-v0.zip").num_timesteps == 256
