@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import os
 import shutil
 import subprocess
@@ -310,6 +311,16 @@ def test_the_example_s_reward_falls_with_the_speed_of_the_joints(pup: RobotConfi
     np.testing.assert_allclose(calm(fast, weight=0.5, sharpness=0.1), [0.5, 0.5 * np.exp(-1)])
 
 
+def test_the_example_s_terms_tell_where_down_is_and_how_far_the_trunk_leans(pup: RobotConfig) -> None:
+    view = BatchEnv(load_task("hurdles"), num_envs=3).view()
+    lying, leaning = [np.sqrt(0.5), np.sqrt(0.5), 0, 0], [np.cos(0.5), 0, np.sin(0.5), 0]
+    view = dataclasses.replace(view, base_quat=np.array([[1, 0, 0, 0], lying, leaning], dtype=float))
+    down = registry.observations.get("gravity_direction")(view).value
+    np.testing.assert_allclose(down, [[0, 0, -1], [0, -1, 0], [np.sin(1), 0, -np.cos(1)]], atol=1e-12)
+    assert registry.terminations.get("tipped")(view, max_tilt=1.2).tolist() == [False, True, False]
+    assert registry.terminations.get("tipped")(view, max_tilt=0.9).tolist() == [False, True, True]
+
+
 def test_the_schema_for_editors_knows_what_the_example_brings(pup: RobotConfig) -> None:
     data = read_yaml(task_path("hurdles"))
     validator = Draft202012Validator(task_schema())
@@ -328,6 +339,7 @@ for program, arguments in (
     ("train", ["task=hurdles", "oracle=fade", "total_timesteps=256", *small]),
     ("evaluate", ["run=run", "episodes=2", "evaluation.episode_steps=10"]),
     ("encode", ["task=hurdles", "references=10", "updates=10"]),
+    ("export", ["run=run", "out=exported"]),
 ):
     sys.argv = [program, *arguments]
     __import__(f"ogmp_sb3.{program}", fromlist=["main"]).main()
@@ -347,3 +359,5 @@ def test_every_command_finds_the_installed_example(target: Path, tmp_path: Path)
     assert config["versions"]["ogmp-pup"] == "0.1.0"
     assert (tmp_path / "run" / "evaluation" / "metrics.json").is_file()
     assert (tmp_path / "encoders" / "hurdles" / "encoder.json").is_file()
+    terms = json.loads((tmp_path / "exported" / "policy.json").read_text())["observation"]["terms"]
+    assert "gravity_direction" in terms

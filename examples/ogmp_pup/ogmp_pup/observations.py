@@ -1,0 +1,16 @@
+"""An observation of our own."""
+
+import numpy as np
+
+from ogmp_sb3.observations import Part, Signal
+from ogmp_sb3.registry import observations
+from ogmp_sb3.rotations import quat_rotate_inverse
+from ogmp_sb3.view import EnvView
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@observations.register()
+def gravity_direction(view: EnvView) -> Signal:
+    """Where down is, as the trunk feels it: a unit vector in the body frame (3)."""
+    return Signal(quat_rotate_inverse(view.base_quat, DOWN), np.full(3, 0.3), (Part("gravity_direction", "1", 3),))

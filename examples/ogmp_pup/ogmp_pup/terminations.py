@@ -1,0 +1,15 @@
+"""A termination of our own."""
+
+import numpy as np
+
+from ogmp_sb3.registry import terminations
+from ogmp_sb3.rotations import quat_rotate
+from ogmp_sb3.view import EnvView
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@terminations.register()
+def tipped(view: EnvView, max_tilt: float) -> np.ndarray:
+    """True where the trunk leans farther from upright than ``max_tilt`` (rad), shape (num_envs,), bool."""
+    return quat_rotate(view.base_quat, UP)[:, 2] < np.cos(max_tilt)
