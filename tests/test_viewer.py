@@ -23,7 +23,7 @@ from test_player import flat, still_player
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.player import Player
-from ogmp_sb3.viewer import Viewer
+from ogmp_sb3.viewer import PLOT_EVERY, Viewer
 
 pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 
@@ -127,6 +127,41 @@ def test_commands_that_leave_no_room_for_terrain_end_the_episode_and_say_so(serv
         viewer.advance(STEP)
     assert "too short" in viewer._last_end
     assert viewer.player.frame.time > 0
+
+
+def test_the_controls_set_what_they_are_called(serve) -> None:
+    viewer = serve(still_player(flat()))
+    shown = controls(viewer)
+    for label, value, found in (
+        ("Pause", True, lambda: viewer.paused),
+        ("Speed", 0.5, lambda: viewer.speed),
+        ("Follow", False, lambda: viewer.stage.follow),
+        ("Ghost", False, lambda: viewer.stage.ghost.node.visible),
+        ("Plan", False, lambda: viewer.stage.trail.visible),
+        ("Bound", False, lambda: viewer.stage.bound.visible),
+    ):
+        assert found() != value
+        shown[label].value = value
+        until = time.monotonic() + 5.0
+        while found() != value and time.monotonic() < until:  # handles call back from a thread of their own
+            viewer.advance(0.0)
+            time.sleep(0.01)
+        assert found() == value, label
+
+
+def test_the_plots_show_deviation_and_reward_of_the_last_steps_beside_the_bound(serve) -> None:
+    viewer = serve(still_player(flat()))
+    frames = [viewer.player.frame]
+    for _ in range(5):
+        viewer.step()
+        frames.append(viewer.player.frame)
+    for _ in range(PLOT_EVERY):
+        viewer.show()
+    seconds, deviation, bound = viewer._plots[0].data
+    np.testing.assert_allclose(np.diff(seconds), STEP, rtol=0.01)
+    np.testing.assert_allclose(deviation[1:], [frame.deviation for frame in frames[1:]])
+    assert set(bound) == {viewer.player.task.rho}
+    np.testing.assert_allclose(viewer._plots[1].data[1][1:], [frame.reward for frame in frames[1:]])
 
 
 def test_a_command_that_cannot_be_carried_out_is_named_on_the_page_and_the_play_goes_on(serve) -> None:
