@@ -22,7 +22,7 @@ from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
-from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
+from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
@@ -159,9 +159,8 @@ def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
     for column in ("metric", "mean", "std", "95 % interval", "n"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, summary in metrics.items():
-        low, high = summary["ci95"]  # type: ignore[misc]
-        interval = f"{low:.3f} .. {high:.3f}"
-        table.add_row(name, f"{summary['mean']:.3f}", f"{summary['std']:.3f}", interval, str(summary["n"]))
+        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
+        table.add_row(name, mean, std, as_text(summary["ci95"], 3, " .. "), str(summary["n"]))
     console.print(table)
 
 

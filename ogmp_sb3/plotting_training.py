@@ -121,7 +121,8 @@ def plot_objectives(
             mine = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
             x = [places[row["value"]] for row in mine]
             mean = np.array([row["mean"] for row in mine])
-            spread = [mean - [row["low"] for row in mine], [row["high"] for row in mine] - mean]
+            low, high = (np.array([row[end] for row in mine], dtype=float) for end in ("low", "high"))  # None: nan
+            spread = [mean - low, high - mean]
             axes.errorbar(x, mean, spread, fmt="o-", color=colours[line], capsize=3, markersize=4, label=line or None)
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")

@@ -16,6 +16,7 @@ from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.latent import load_encoder
 from ogmp_sb3.logs import STEP_COLUMN, progress_bar
+from ogmp_sb3.metrics import as_text
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
 from ogmp_sb3.plotting_training import SMOOTH, plot_training
@@ -117,7 +118,7 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     return (
         f"{episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at most "
         f"{test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode ends "
-        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 % (Wilson's for fractions). "
+        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 %: Student's, Wilson's for yes or no. "
         f"Physics step {task.physics_dt:g} s, on which accelerations depend."
     )
 
@@ -127,9 +128,9 @@ def metrics_table(task: TaskConfig, metrics: dict[str, Any]) -> Table:
     rows = []
     for name, summary in metrics.items():
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
-        mean, std, (low, high) = summary["mean"], summary["std"], summary["ci95"]
-        numbers = [f"{mean:.3f}", f"{low:.3f}{THIN}…{THIN}{high:.3f}", f"{std:.3f}", str(summary["n"])]
-        rows.append([name, *numbers, _first_sentence(kinds.get(key))])
+        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
+        between = as_text(summary["ci95"], 3, f"{THIN}…{THIN}")
+        rows.append([name, mean, between, std, str(summary["n"]), _first_sentence(kinds.get(key))])
     return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
 
 
@@ -147,8 +148,7 @@ def metrics_rows(groups: list[tuple[str, dict[str, Any]]]) -> Rows:
 
 def interval(summary: dict[str, Any]) -> str:
     """Mean and interval in one cell."""
-    low, high = summary["ci95"]
-    return f"{summary['mean']:.2f} [{low:.2f},{THIN}{high:.2f}]"
+    return f"{summary['mean']:.2f} [{as_text(summary['ci95'], 2, f',{THIN}')}]"
 
 
 def _first_sentence(function: Any) -> str:
