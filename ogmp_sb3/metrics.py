@@ -25,7 +25,10 @@ MIN_HEIGHT = 0.3  # m, base over the terrain
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRecord:
-    """One episode, one row per control step; row 0 is the start. World frame."""
+    """One episode, one row per control step; row 0 is the start. World frame.
+
+    A step in which the simulation failed has no row.
+    """
 
     base_pos_w: np.ndarray
     """shape (steps + 1, 3), m"""

@@ -244,7 +244,7 @@ def plot_traces(traces: list[Trace], path: Path) -> None:
     )  # fmt: skip
     for axes in [*grid[::2].flat[len(traces) :], *grid[1::2].flat[len(traces) :]]:
         axes.axis("off")
-    largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces])
+    largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces]) or 1.0
     longest = max(len(trace.deviation) for trace in traces)
     for trace, above, below in zip(traces, grid[::2].flat, grid[1::2].flat, strict=False):
         _draw_trace(above, trace, floor)
