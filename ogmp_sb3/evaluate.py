@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,8 +25,10 @@ from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
@@ -47,7 +48,7 @@ class EvalConfig:
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
-    out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
+    out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
     trust: bool = cli.option(cli.TRUST, False)
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
@@ -174,6 +175,7 @@ def _run(arguments: list[str]) -> None:
     console = Console()
     report: dict[str, Any] = {
         "run": str(loaded.path),
+        "policy": loaded.digest,
         "task": task.name,
         "protocol": config.protocol,
         "overrides": overrides,
@@ -181,7 +183,7 @@ def _run(arguments: list[str]) -> None:
         "seed": config.seed,
         "num_timesteps": loaded.info.get("num_timesteps"),
         "physics_dt": task.physics_dt,
-        "versions": loaded.info.get("versions"),
+        "versions": versions(),
     }
     if config.grid:
         grid = read_grid(config.grid, task)
@@ -191,34 +193,35 @@ def _run(arguments: list[str]) -> None:
                 for cell in grid.cells
             ]
         report["grid"] = grid.as_data(metrics)
-        _write(out, report)
+        save_json(out / "grid.json", report)
         plot_grids([report["grid"]], "return", out / "grid.png")
-        console.print(f"{out / 'grid.png'}")
+        console.print(f"{out / 'grid.png'}, {out / 'grid.json'}")
     elif config.robustness:
         sweeps = disturbance_sweeps(training_task(loaded, overrides, config).randomisation)
         with progress_bar(config.episodes * episode_sets(sweeps), "episode") as bar:
             report["robustness"] = play_sweeps(
                 sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update
             )
-        _write(out, report)
+        save_json(out / "robustness.json", report)
         write_csv(report["robustness"], out / "robustness.csv")
         plot_robustness(report["robustness"], out / "robustness.png")
-        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}")
+        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
     elif config.epsilon:
         with progress_bar(config.episodes, "episode") as bar:
             report["epsilon"] = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
-        _write(out, report)
+        save_json(out / "epsilon.json", report)
         _show_epsilon(report["epsilon"], loaded.task.rho, console)
+        console.print(f"{out / 'epsilon.json'}")
     else:
         with progress_bar(config.episodes, "episode") as bar:
             report |= measure(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
-        _write(out, report)
+        save_json(out / "metrics.json", report)
         show(f"{task.name}, {config.episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
         for group, metrics in report["groups"].items():
             show(group, metrics, console)
         ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
         console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
-    console.print(f"{out / 'metrics.json'}")
+        console.print(f"{out / 'metrics.json'}")
 
 
 def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | None, console: Console) -> None:
@@ -239,10 +242,6 @@ def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
         return Path("evaluation") / loaded.name
     owner = next((folder for folder in (run, *run.parents[:2]) if (folder / CONFIG).is_file()), run)
     return owner / "evaluation" / run.relative_to(owner)  # its best policy and its checkpoints are replaced in time
-
-
-def _write(out: Path, report: dict[str, Any]) -> None:
-    (out / "metrics.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ class Grid:
         return [dict(zip(self.axes, ranges, strict=True)) for ranges in itertools.product(first, second)]
 
     def as_data(self, metrics: list[dict[str, Any]]) -> dict[str, Any]:
-        """Plain data for ``metrics.json``: the grid with the metrics of each cell, in the order of :attr:`cells`."""
+        """Plain data for ``grid.json``: the grid with the metrics of each cell, in the order of :attr:`cells`."""
         cells = [{**limits(cell), "metrics": found} for cell, found in zip(self.cells, metrics, strict=True)]
         return {"mode": self.mode, "axes": list(self.axes), "trained": self.trained, "cells": cells}
 

@@ -52,7 +52,7 @@ def save(figure: Figure, path: Path, dpi: int = 120) -> None:
 def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
     """Heat maps of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
 
-    :param grids: each as ``grid`` of an evaluation's ``metrics.json``
+    :param grids: each as ``grid`` of an evaluation's ``grid.json``
     :param metric: name of the metric
     :param path: picture to write
     """
@@ -77,7 +77,7 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
 def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
     """Fraction of episodes without a fall over the size of each disturbance, with 95 % intervals.
 
-    :param results: ``robustness`` of an evaluation's ``metrics.json``
+    :param results: ``robustness`` of an evaluation's ``robustness.json``
     :param path: picture to write
     """
     columns = min(len(results), 3)

@@ -250,7 +250,8 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
     grid = "grid=leap.w:0.1:0.3:2,leap.d:0.4:0.5:2"
     done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", "evaluation.episode_steps=20", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "metrics.json").read_text())["grid"]
+    report = json.loads((tmp_path / "grid.json").read_text())["grid"]
+    assert not (tmp_path / "metrics.json").exists()
     assert [(cell["w"], cell["d"]) for cell in report["cells"]] == [
         ([0.1, 0.2], [0.4, 0.45]), ([0.1, 0.2], [0.45, 0.5]), ([0.2, 0.3], [0.4, 0.45]), ([0.2, 0.3], [0.45, 0.5]),
     ]  # fmt: skip
