@@ -151,6 +151,10 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tm
     for overrides, episodes, seed in (([], 3, 0), ([QUICK[1]], 2, 0), ([QUICK[1]], 3, 1)):
         subject = Subject(load_policy(copy), overrides, copy)
         assert subject.evaluation(episodes, seed, lambda n: None) == {"metrics": "measured"}
+    for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}):
+        (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
+        (copy / "evaluation" / "results.jsonl").unlink()
+        assert Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {"metrics": "measured"}
 
 
 def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
