@@ -29,10 +29,12 @@ from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.storage import save_json
+from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
 CELL_EPISODES = 10
+ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,9 +210,11 @@ def _run(arguments: list[str]) -> None:
         console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
     elif config.epsilon:
         with progress_bar(config.episodes, "episode") as bar:
-            report["epsilon"] = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
+            found = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
+        trained = {"oracle": loaded.task.oracle, "rho": loaded.task.rho}
+        report["epsilon"] = {"what": ESTIMATE, "trained_with": trained, **found}
         save_json(out / "epsilon.json", report)
-        _show_epsilon(report["epsilon"], loaded.task.rho, console)
+        _show_epsilon(report["epsilon"], console)
         console.print(f"{out / 'epsilon.json'}")
     else:
         with progress_bar(config.episodes, "episode") as bar:
@@ -224,16 +228,19 @@ def _run(arguments: list[str]) -> None:
         console.print(f"{out / 'metrics.json'}")
 
 
-def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | None, console: Console) -> None:
-    title = f"deviation from each oracle, trained with rho {rho}"
+def _show_epsilon(found: dict[str, Any], console: Console) -> None:
+    trained = found["trained_with"]
+    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
     table = Table(title=title, title_justify="left", min_width=len(title))
     for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
         table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
-    for oracle, modes in found.items():
+    for oracle, modes in found["oracles"].items():
         for mode, spread in modes.items():
             numbers = (f"{spread[name]:.3f}" for name in ("median", "p95", "max"))
             table.add_row(oracle, mode, *numbers, f"{spread['steps']:,}")
     console.print(table)
+    left_out = f"{found['left_out']} others ended before their time and are left out"
+    console.print(f"Unit: {found['unit']}. {found['episodes']} episodes; {left_out}.")
 
 
 def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
