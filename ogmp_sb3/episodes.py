@@ -76,6 +76,7 @@ def play_batch(
             termination=str(ended[row]),
             max_steps=env.task.episode_steps,
             leg_length=env.task.robot_config.leg_length,
+            track_length=env.task.track.length,
             modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
         )
         for row in range(env.num_envs)

@@ -56,6 +56,8 @@ class EpisodeRecord:
     """time limit, control steps"""
     leg_length: float
     """m"""
+    track_length: float | None
+    """m; flat ground follows. None: endless"""
     modes: tuple[dict[str, float | str], ...]
     """parameters of the modes in order, with the mode's name under ``mode``"""
 
@@ -121,8 +123,9 @@ def success_rate(record: EpisodeRecord) -> bool:
 
 @objectives.register()
 def track_displacement(record: EpisodeRecord) -> float:
-    """Parkour: displacement along the track, m."""
-    return distance_m(record)
+    """Parkour: displacement along the track, up to its end, m."""
+    displacement = distance_m(record)
+    return displacement if record.track_length is None else min(displacement, record.track_length)
 
 
 @objectives.register()

@@ -36,6 +36,7 @@ def test_every_row_of_a_record_has_one_entry_per_step_and_the_start(records: lis
     for record in records:
         for name in ("base_pos_w", "reward", "reference_pos_w", "phase", "deviation"):
             assert len(getattr(record, name)) == record.steps + 1
+        assert record.track_length == 10.0  # of the test protocol
 
 
 def test_the_phase_counts_from_each_query_of_the_oracle(records: list[EpisodeRecord]) -> None:

@@ -58,6 +58,7 @@ def record(direction: str = "front", total: float = 2 * np.pi, **fields: Any) ->
         "termination": "time_limit",
         "max_steps": STEPS,
         "leg_length": 0.459,
+        "track_length": None,
         "modes": ({"mode": "flip", "r": direction, "h": 1.0}, {"mode": "settle"}),
     }
     return EpisodeRecord(**{**values, **fields})
@@ -102,6 +103,15 @@ def test_distance_is_the_displacement_along_the_track() -> None:
     position = np.outer(np.linspace(0, 1, STEPS + 1), [4.0, 9.0, 9.0]) + 100.0
     assert metric("distance_m", record(base_pos_w=position)) == pytest.approx(4.0)
     assert track_displacement(record(base_pos_w=position)) == pytest.approx(4.0)
+
+
+def test_the_true_objective_of_a_track_ends_where_the_track_does_unlike_the_distance() -> None:
+    position = np.outer(np.linspace(0, 1, STEPS + 1), [13.6, 0.0, 0.0])
+    protocol = load_task("parkour").for_evaluation()
+    there = record(base_pos_w=position, track_length=protocol.track.length)
+    assert track_displacement(there) == highest_objective(protocol) == 10.0
+    assert metric("distance_m", there) == pytest.approx(13.6)
+    assert track_displacement(record(base_pos_w=0.5 * position, track_length=10.0)) == pytest.approx(6.8)
 
 
 def test_the_return_is_the_sum_of_rewards() -> None:
