@@ -188,7 +188,7 @@ def _run(arguments: list[str]) -> None:
         "versions": versions(),
     }
     if config.grid:
-        grid = read_grid(config.grid, task)
+        grid = read_grid(config.grid, task, loaded.task)
         with progress_bar(len(grid.cells) * CELL_EPISODES, "episode") as bar:
             metrics = [
                 evaluate_cell(loaded.policy, task, grid.mode, cell, CELL_EPISODES, config.seed, bar.update)

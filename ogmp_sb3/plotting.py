@@ -66,8 +66,9 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
         b = np.unique([cell[second] for cell in grid["cells"]])
         values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a) - 1, len(b) - 1)
         mesh = axes.pcolormesh(a, b, values.T, cmap="viridis", rasterized=True)
-        (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
-        axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
+        if grid["trained"]:
+            (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
+            axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
         axes.set(title=grid["mode"], xlabel=first, ylabel=second)
         figure.colorbar(mesh)
     figure.suptitle(f"{metric} (black: trained on)", fontsize="medium")

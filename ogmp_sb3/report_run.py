@@ -22,9 +22,11 @@ from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_
 from ogmp_sb3.plotting_training import SMOOTH, plot_training
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject
+from ogmp_sb3.sweeps import shown
 from ogmp_sb3.traces import Trace, ground_rows, trace_rows
 
-VARIANTS = {"oracle": ("linear", "lqr", "preview"), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}  # fig:abl_trc
+# What motion traces are varied in (paper, fig:abl_trc); the oracles are those of the task.
+VARIANTS: dict[str, tuple[Any, ...]] = {"oracle": (), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}
 CURVES = {
     "episode/return": "return",
     "episode/length": "length (control steps)",
@@ -158,7 +160,7 @@ def _first_sentence(function: Any) -> str:
 
 def mode_parameters(subject: Subject, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
     """Heat maps of the return over two parameters of each mode that has two ranges."""
-    grids = default_grids(subject.task, cells)
+    grids = default_grids(subject.task, subject.loaded.task, cells)
     if not grids:
         return None
     found = []
@@ -188,7 +190,8 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
     rows = []
     for grid in grids:
         for cell in grid["cells"]:
-            inside = all(_trained(cell[key], span) for key, span in grid["trained"].items())
+            spans = grid["trained"].items()
+            inside = bool(spans) and all(_trained(cell[key], span) for key, span in spans)
             summary, (first, second) = cell["metrics"]["return"], grid["axes"]
             rows.append({
                 "mode": grid["mode"],
@@ -215,7 +218,7 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
         traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))
     ]
     for key in variants:
-        values = [value for value in VARIANTS[key] if _applies(subject.task, key, value)]
+        values = _values(subject.task, key)
         if not values:
             continue
         traces = list(
@@ -224,7 +227,8 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
             )
         )
         ends = " The bound ends the episode." if key == "rho" else ""
-        caption = f"The same policy, trained with {key} = {getattr(subject.task, key)}, under other values.{ends}"
+        trained = shown(getattr(subject.loaded.task, key))
+        caption = f"The same policy, trained with {key} = {trained}, under other values.{ends}"
         parts.append(traces_picture(out, f"traces_{key}", caption, traces))
     text = (
         "The way of the base (black; grey strokes along the trunk) and what the oracle answered to each query (orange, "
@@ -234,11 +238,11 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
     return Section("Motion", text, parts)
 
 
-def _applies(task: TaskConfig, key: str, value: Any) -> bool:
-    """Whether a variant makes sense: timed modes have no horizon, and an oracle needs its parameters."""
-    if key == "horizon":
-        return task.horizon is not None
-    return key != "oracle" or value in {*task.oracle_params, task.oracle}
+def _values(task: TaskConfig, key: str) -> tuple[Any, ...]:
+    """What a key is varied over; timed modes have no horizon."""
+    if key == "oracle":
+        return tuple(task.oracle_params)
+    return () if key == "horizon" and task.horizon is None else VARIANTS[key]
 
 
 def traces_picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Picture:

@@ -95,7 +95,7 @@ def test_a_command_has_keys_and_values_that_its_program_and_task_know(command: s
     if getattr(config, "scene", None):
         apply_scene(read_yaml(TASKS_DIR / f"{task}.yaml"), config.scene)
     if getattr(config, "grid", None):
-        assert read_grid(config.grid, loaded).cells
+        assert read_grid(config.grid, loaded, loaded).cells
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command.startswith("ogmp-train ")])

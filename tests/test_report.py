@@ -8,7 +8,9 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,11 +18,14 @@ import yaml
 from PIL import Image
 from test_train import SMALL, program
 
+from ogmp_sb3 import report_run
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.grid import default_grids
+from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return
 from ogmp_sb3.subject import Subject
+from ogmp_sb3.traces import Trace
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
 
@@ -124,6 +129,29 @@ def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Pat
     assert all(float(row["deviation"]) <= 0.1 for row in bound[:-1])
 
 
+def test_variants_are_told_from_what_was_trained_and_oracles_are_those_of_the_task(monkeypatch, tmp_path: Path) -> None:
+    captions: dict[str, str] = {}
+    played: list[str] = []
+
+    class Asked:
+        loaded = SimpleNamespace(task=load_task("parkour", {"rho": None}))
+        task = replace(load_task("parkour", {"rho": 0.2, "oracle": "lqr"}), oracle_params={"mine": {}, "lqr": {}})
+
+        def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
+            played.extend(overrides)
+            return []
+
+    def picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Table:
+        captions[name] = caption
+        return Table([])
+
+    monkeypatch.setattr(report_run, "traces_picture", picture)
+    report_run.motion(Asked(), 1, 0, list(report_run.VARIANTS), tmp_path)  # type: ignore[arg-type]
+    assert played[:2] == ["oracle=mine", "oracle=lqr"]
+    for key, value in (("oracle", "preview"), ("horizon", "30"), ("rho", "null")):
+        assert f"trained with {key} = {value}," in captions[f"traces_{key}"]
+
+
 def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> None:
     def fail(*arguments: object, **named: object) -> None:
         raise AssertionError("played again")
@@ -134,7 +162,7 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
     subject = Subject(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
     causes = subject.evaluation(3, 0, done.append)["terminations"]
     assert sum(causes.values()) == sum(done) == 3
-    for grid in default_grids(subject.task, 3):
+    for grid in default_grids(subject.task, subject.loaded.task, 3):
         assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 9
     with pytest.raises(AssertionError, match="played again"):
         subject.evaluation(4, 0, done.append)
