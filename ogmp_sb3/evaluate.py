@@ -174,7 +174,7 @@ def _run(arguments: list[str]) -> None:
     out = Path(config.out) if config.out else _default_out(loaded, config)
     out.mkdir(parents=True, exist_ok=True)
     distance = config.max_distance if config.protocol == "endless" else None
-    console = Console()
+    console = cli.console()
     report: dict[str, Any] = {
         "run": str(loaded.path),
         "policy": loaded.digest,
@@ -231,7 +231,7 @@ def _run(arguments: list[str]) -> None:
 def _show_epsilon(found: dict[str, Any], console: Console) -> None:
     trained = found["trained_with"]
     title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
-    table = Table(title=title, title_justify="left", min_width=len(title))
+    table = Table(title=title, title_justify="left")
     for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
         table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
     for oracle, modes in found["oracles"].items():

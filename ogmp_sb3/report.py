@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.definitions import TaskConfig
@@ -79,7 +77,7 @@ def _run(arguments: list[str]) -> None:
     else:
         assert config.sweep is not None
         page = _report_sweep(config, Path(config.sweep), overrides, variants)
-    Console().print(str(page), soft_wrap=True)
+    cli.console().print(str(page))
 
 
 def _report_run(config: ReportConfig, name: str, overrides: list[str], variants: list[str]) -> Path:
