@@ -85,6 +85,23 @@ HELP = cli.usage(
 )
 
 
+def owner(run: str) -> Path | None:
+    """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
+    folder = Path(run)
+    if not folder.is_dir():
+        return None
+    return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
+
+
+def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
+    """Where results go that no directory is named for: not beside a policy that is replaced in time.
+
+    :param kind: of results: ``evaluation`` or ``report``
+    """
+    folder = owner(run)
+    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).relative_to(folder)
+
+
 def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
     """Every metric of the task over a set of episodes, with the true objective."""
     names = task.evaluation.metrics
@@ -171,7 +188,7 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     loaded = load_policy(config.run, config.trust, config.task)
     task = protocol_task(loaded, overrides, config)
-    out = Path(config.out) if config.out else _default_out(loaded, config)
+    out = Path(config.out) if config.out else default_out(config.run, loaded, "evaluation")
     out.mkdir(parents=True, exist_ok=True)
     distance = config.max_distance if config.protocol == "endless" else None
     console = cli.console()
@@ -241,14 +258,6 @@ def _show_epsilon(found: dict[str, Any], console: Console) -> None:
     console.print(table)
     left_out = f"{found['left_out']} others ended before their time and are left out"
     console.print(f"Unit: {found['unit']}. {found['episodes']} episodes; {left_out}.")
-
-
-def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
-    run = Path(config.run)
-    if not run.is_dir():
-        return Path("evaluation") / loaded.name
-    owner = next((folder for folder in (run, *run.parents[:2]) if (folder / CONFIG).is_file()), run)
-    return owner / "evaluation" / run.relative_to(owner)  # its best policy and its checkpoints are replaced in time
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ from typing import Literal
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import CELLS
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.registry import did_you_mean
@@ -86,8 +87,8 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
     run = read_run(folder) if (folder / CONFIG).is_file() else None
     loaded = load_policy(folder / "best" if run and config.policy == "best" else name, config.trust, config.task)
-    out = Path(config.out) if config.out else folder / "report" if run else Path("report") / loaded.name
-    subject = Subject(loaded, overrides, folder if run else out)
+    out = Path(config.out) if config.out else default_out(name, loaded, "report")
+    subject = Subject(loaded, overrides, owner(name) or out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [
         report_run.overview(subject, run),

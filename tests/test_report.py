@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from test_train import SMALL, program
 from ogmp_sb3 import report_run
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
+from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return
@@ -185,14 +187,26 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tm
         assert Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {"metrics": "measured"}
 
 
+def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:
+    shipped: Any = SimpleNamespace(name="parkour")
+    for run in ("first", "second"):
+        for policy in ("best", "checkpoints/000000000512"):
+            (tmp_path / run / policy).mkdir(parents=True)
+        (tmp_path / run / "config.yaml").write_text("")
+        assert default_out(str(tmp_path / run), shipped, "report") == tmp_path / run / "report"
+        for policy in ("best", "checkpoints/000000000512"):
+            assert default_out(str(tmp_path / run / policy), shipped, "report") == tmp_path / run / "report" / policy
+            assert owner(str(tmp_path / run / policy)) == tmp_path / run
+    assert default_out("parkour", shipped, "report") == Path("report/parkour")
+
+
 def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
     shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
     quick = ["grids=false", "variants=null", "traces=1"]
     done = program("report", "run=mine", *QUICK, *quick, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "report"]
-    assert not (tmp_path / "mine" / "evaluation").exists()
-    assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "report" / "mine" / "report.html").read_text())
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "mine" / "report" / "report.html").read_text())
 
 
 def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) -> None:
