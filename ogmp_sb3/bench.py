@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import numpy as np
 import torch as th
-from rich.console import Console
 from rich.table import Table
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.logger import Logger
@@ -330,7 +329,7 @@ def _run(arguments: list[str]) -> None:
     table.add_column("value", justify="right")
     for name, value in numbers.items():
         table.add_row(name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}")
-    Console().print(table)
+    cli.console().print(table)
     if config.json:
         report = {"config": asdict(config), "numbers": numbers, "cores": os.cpu_count(), "versions": versions()}
         Path(config.json).write_text(json.dumps(report, indent=1), encoding="utf-8")

@@ -167,7 +167,7 @@ def _range_text(range_: Range) -> str:
 def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"task={a}" for a in arguments]
     config, overrides = cli.parse(CheckConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    console = Console()
+    console = cli.console()
     if config.schema:
         Path(config.schema).write_text(json.dumps(task_schema(), indent=1), encoding="utf-8")
         console.print(config.schema)

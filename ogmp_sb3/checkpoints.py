@@ -8,6 +8,7 @@ and, if it observes the mode latent, ``encoder/``. A checkpoint of a training is
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import warnings
 from dataclasses import dataclass
@@ -79,6 +80,11 @@ class LoadedPolicy:
     def files(self) -> tuple[Path, ...]:
         """What the policy is made of; the weights first."""
         return (self.path,) if self.path.is_file() else (self.path / WEIGHTS, self.path / INFO)
+
+    @property
+    def digest(self) -> str:
+        """Which policy it is: the beginning of the SHA-256 of its files."""
+        return hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest()[:16]
 
 
 def save_checkpoint(

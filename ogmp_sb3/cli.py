@@ -9,6 +9,8 @@ import typing
 from collections.abc import Callable
 from typing import Any, NoReturn, TypeVar
 
+from rich.console import Console
+
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_value
 
@@ -94,6 +96,11 @@ def run(program: str, help_text: str, body: Callable[[list[str]], None]) -> None
         fail(program, error)
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+
+
+def console() -> Console:
+    """Where programs print: brackets and colons are text, and no line is broken, so that a path can be copied."""
+    return Console(markup=False, emoji=False, soft_wrap=True)
 
 
 def fail(program: str, error: BaseException) -> NoReturn:

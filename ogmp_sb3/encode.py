@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch as th
-from rich.console import Console
 from torch.utils.tensorboard import SummaryWriter
 
 from ogmp_sb3 import cli
@@ -77,7 +76,7 @@ def _run(arguments: list[str]) -> None:
     modes = [call.name for call in data.calls]
     accuracy = nearest_mode_accuracy(latents, modes, tests, [call.name for call in held_out.calls])
     plot_latents(tests, held_out.calls, out / "latents.png")
-    console = Console()
+    console = cli.console()
     console.print(f"Held-out references: {error:.1%} of the variance is not explained (predicting the mean: 100 %).")
     console.print(f"Nearest neighbour in the latent is of the same mode: {accuracy:.1%}.")
     console.print(f"{out}: spread of the latents {np.ptp(tests, axis=0).round(2)}, picture in latents.png")

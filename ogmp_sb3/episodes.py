@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.metrics import EpisodeRecord
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.srb import POS, VEL
@@ -60,7 +60,7 @@ def play_batch(
         result = env.step(action, alive)
         observation = result.observation
         steps.append(_snapshot(env, result.view, result.reward))
-        length[alive] += 1
+        length[alive] += result.termination[alive] != UNSTABLE
         reason = result.termination.astype(object)
         if max_distance is not None:
             far = env.sim.qpos[:, env.sim.base_qpos] - start_x >= max_distance
@@ -76,6 +76,7 @@ def play_batch(
             termination=str(ended[row]),
             max_steps=env.task.episode_steps,
             leg_length=env.task.robot_config.leg_length,
+            track_length=env.task.track.length,
             modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
         )
         for row in range(env.num_envs)

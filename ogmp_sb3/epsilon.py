@@ -2,18 +2,20 @@
 
 The paper's oracle is one whose reference stays within epsilon of the optimal states, and its bound must hold
 rho >= epsilon. The states of a good policy stand in for the optimal ones here, so this is an estimate, and a biased
-one: a policy that was trained within a rho of one oracle has learned to stay near that one.
+one: a policy that was trained within a rho of one oracle has learned to stay near that one. Episodes that end before
+their time say nothing about optimal states and are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.env import TIME_LIMIT, BatchEnv, StepResult
 from ogmp_sb3.episodes import BATCH, play_batch
 from ogmp_sb3.plans import Plans, make_oracle
 from ogmp_sb3.policy import LstmPolicy
@@ -21,6 +23,8 @@ from ogmp_sb3.reference import Reference, SetPoints
 from ogmp_sb3.view import EnvView, deviation
 
 PERCENTILES = (50.0, 95.0, 100.0)
+
+Deviations = dict[str, dict[str, list[float]]]  # by oracle and mode
 
 
 class ShadowedPlans(Plans):
@@ -48,8 +52,8 @@ class ShadowedEnv(BatchEnv):
 
     def __init__(self, task: TaskConfig, num_envs: int, seed: int) -> None:
         self._now: dict[str, np.ndarray] = {}
-        self.deviations: dict[str, dict[str, list[float]]] = {name: {} for name in task.oracle_params}
-        """by oracle and mode, one for each control step"""
+        self.deviations: list[Deviations] = [{name: {} for name in task.oracle_params} for _ in range(num_envs)]
+        """of each environment, one for each control step"""
         super().__init__(task, num_envs, seed)
         self.plans = ShadowedPlans(task, num_envs, self.course.most_steps)
 
@@ -71,33 +75,43 @@ class ShadowedEnv(BatchEnv):
         result = super().step(actions, rows)
         for name, values in self._now.items():
             for row, mode in modes.items():
-                if np.isfinite(values[row]):
-                    self.deviations[name].setdefault(mode, []).append(float(values[row]))
+                self.deviations[row][name].setdefault(mode, []).append(float(values[row]))
         return result
 
 
 def estimate_epsilon(
     policy: LstmPolicy, task: TaskConfig, episodes: int, seed: int, progress: Callable[[int], None]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Median, 95th percentile and greatest deviation from each oracle in each mode.
+) -> dict[str, Any]:
+    """Median, 95th percentile and greatest deviation from each oracle in each mode, over whole episodes.
 
     :param policy: a good one
     :param task: under the protocol wanted; its bound is taken off
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param progress: called with the number of episodes that have just ended
-    :return: by oracle and mode: ``median``, ``p95``, ``max``, in the unit of the bound, and ``steps``
+    :return: plain data: ``oracles``, by oracle and mode ``median``, ``p95``, ``max`` and ``steps``; their ``unit``;
+        ``episodes`` that are counted, and ``left_out``, those that ended before their time
     """
     task = replace(task, rho=None)
-    found: dict[str, dict[str, list[float]]] = {}
+    found: Deviations = {}
+    whole = 0
     for first in range(0, episodes, BATCH):
         env = ShadowedEnv(task, min(BATCH, episodes - first), seed + first)
-        play_batch(policy, env, None, progress)
-        for oracle, modes in env.deviations.items():
-            for mode, values in modes.items():
-                found.setdefault(oracle, {}).setdefault(mode, []).extend(values)
+        records = play_batch(policy, env, None, progress)
+        kept = [row for row, record in enumerate(records) if record.termination == TIME_LIMIT]
+        whole += len(kept)
+        for row in kept:
+            for oracle, modes in env.deviations[row].items():
+                for mode, values in modes.items():
+                    found.setdefault(oracle, {}).setdefault(mode, []).extend(values)
+    weights = ", ".join(f"{name} {weight:g}" for name, weight in task.bound.items() if weight)
     return {
-        oracle: {mode: _spread(values) for mode, values in sorted(modes.items())} for oracle, modes in found.items()
+        "unit": f"norm of W (x - x_ref), W: {weights}",
+        "episodes": whole,
+        "left_out": episodes - whole,
+        "oracles": {
+            oracle: {mode: _spread(values) for mode, values in sorted(modes.items())} for oracle, modes in found.items()
+        },
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,17 +20,21 @@ from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
-from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
+from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
 from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.scenes import task_for_test
+from ogmp_sb3.storage import save_json
+from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
 CELL_EPISODES = 10
+ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +50,7 @@ class EvalConfig:
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
-    out: str | None = cli.option("directory for metrics.json and pictures; null: <run>/evaluation", None)
+    out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
     trust: bool = cli.option(cli.TRUST, False)
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
@@ -80,6 +83,23 @@ HELP = cli.usage(
     EvalConfig,
     "any other key of the task file, e.g. modes.leap.w=0.5, evaluation.episode_steps=800",
 )
+
+
+def owner(run: str) -> Path | None:
+    """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
+    folder = Path(run)
+    if not folder.is_dir():
+        return None
+    return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
+
+
+def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
+    """Where results go that no directory is named for: not beside a policy that is replaced in time.
+
+    :param kind: of results: ``evaluation`` or ``report``
+    """
+    folder = owner(run)
+    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).relative_to(folder)
 
 
 def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
@@ -157,9 +177,8 @@ def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
     for column in ("metric", "mean", "std", "95 % interval", "n"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, summary in metrics.items():
-        low, high = summary["ci95"]  # type: ignore[misc]
-        interval = f"{low:.3f} .. {high:.3f}"
-        table.add_row(name, f"{summary['mean']:.3f}", f"{summary['std']:.3f}", interval, str(summary["n"]))
+        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
+        table.add_row(name, mean, std, as_text(summary["ci95"], 3, " .. "), str(summary["n"]))
     console.print(table)
 
 
@@ -167,12 +186,13 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     loaded = load_policy(config.run, config.trust, config.task)
     task = protocol_task(loaded, overrides, config)
-    out = Path(config.out) if config.out else _default_out(loaded, config)
+    out = Path(config.out) if config.out else default_out(config.run, loaded, "evaluation")
     out.mkdir(parents=True, exist_ok=True)
     distance = config.max_distance if config.protocol == "endless" else None
-    console = Console()
+    console = cli.console()
     report: dict[str, Any] = {
         "run": str(loaded.path),
+        "policy": loaded.digest,
         "task": task.name,
         "protocol": config.protocol,
         "overrides": overrides,
@@ -180,68 +200,62 @@ def _run(arguments: list[str]) -> None:
         "seed": config.seed,
         "num_timesteps": loaded.info.get("num_timesteps"),
         "physics_dt": task.physics_dt,
-        "versions": loaded.info.get("versions"),
+        "versions": versions(),
     }
     if config.grid:
-        grid = read_grid(config.grid, task)
+        grid = read_grid(config.grid, task, loaded.task)
         with progress_bar(len(grid.cells) * CELL_EPISODES, "episode") as bar:
             metrics = [
                 evaluate_cell(loaded.policy, task, grid.mode, cell, CELL_EPISODES, config.seed, bar.update)
                 for cell in grid.cells
             ]
         report["grid"] = grid.as_data(metrics)
-        _write(out, report)
+        save_json(out / "grid.json", report)
         plot_grids([report["grid"]], "return", out / "grid.png")
-        console.print(f"{out / 'grid.png'}")
+        console.print(f"{out / 'grid.png'}, {out / 'grid.json'}")
     elif config.robustness:
         sweeps = disturbance_sweeps(training_task(loaded, overrides, config))
         with progress_bar(config.episodes * episode_sets(sweeps), "episode") as bar:
             report["robustness"] = play_sweeps(
                 sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update
             )
-        _write(out, report)
+        save_json(out / "robustness.json", report)
         write_csv(report["robustness"], out / "robustness.csv")
         plot_robustness(report["robustness"], out / "robustness.png")
-        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}")
+        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
     elif config.epsilon:
         with progress_bar(config.episodes, "episode") as bar:
-            report["epsilon"] = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
-        _write(out, report)
-        _show_epsilon(report["epsilon"], loaded.task.rho, console)
+            found = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
+        trained = {"oracle": loaded.task.oracle, "rho": loaded.task.rho}
+        report["epsilon"] = {"what": ESTIMATE, "trained_with": trained, **found}
+        save_json(out / "epsilon.json", report)
+        _show_epsilon(report["epsilon"], console)
+        console.print(f"{out / 'epsilon.json'}")
     else:
         with progress_bar(config.episodes, "episode") as bar:
             report |= measure(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
-        _write(out, report)
+        save_json(out / "metrics.json", report)
         show(f"{task.name}, {config.episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
         for group, metrics in report["groups"].items():
             show(group, metrics, console)
         ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
         console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
-    console.print(f"{out / 'metrics.json'}")
+        console.print(f"{out / 'metrics.json'}")
 
 
-def _show_epsilon(found: dict[str, dict[str, dict[str, float]]], rho: float | None, console: Console) -> None:
-    title = f"deviation from each oracle, trained with rho {rho}"
-    table = Table(title=title, title_justify="left", min_width=len(title))
+def _show_epsilon(found: dict[str, Any], console: Console) -> None:
+    trained = found["trained_with"]
+    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
+    table = Table(title=title, title_justify="left")
     for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
         table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
-    for oracle, modes in found.items():
+    for oracle, modes in found["oracles"].items():
         for mode, spread in modes.items():
             numbers = (f"{spread[name]:.3f}" for name in ("median", "p95", "max"))
             table.add_row(oracle, mode, *numbers, f"{spread['steps']:,}")
     console.print(table)
-
-
-def _default_out(loaded: LoadedPolicy, config: EvalConfig) -> Path:
-    run = Path(config.run)
-    if not run.is_dir():
-        return Path("evaluation") / loaded.name
-    owner = next((folder for folder in (run, *run.parents[:2]) if (folder / CONFIG).is_file()), run)
-    return owner / "evaluation" / run.relative_to(owner)  # its best policy and its checkpoints are replaced in time
-
-
-def _write(out: Path, report: dict[str, Any]) -> None:
-    (out / "metrics.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    left_out = f"{found['left_out']} others ended before their time and are left out"
+    console.print(f"Unit: {found['unit']}. {found['episodes']} episodes; {left_out}.")
 
 
 def main() -> None:

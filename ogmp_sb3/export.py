@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Console
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
@@ -194,7 +193,7 @@ def _run(arguments: list[str]) -> None:
 
     difference, seconds = parity(loaded, env, Controller(out))
     _check("actor", difference, out)
-    console = Console()
+    console = cli.console()
     console.print(f"{out}: {', '.join(sorted(file.name for file in out.iterdir()))}")
     console.print(f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}.")
     if (out / ENCODER).exists():

@@ -29,7 +29,7 @@ class Grid:
     edges: tuple[np.ndarray, np.ndarray]
     """the borders between cells along each axis, of shape (cells + 1,)"""
     trained: dict[str, list[float]]
-    """the range of each parameter in training"""
+    """the range of each parameter in training; empty if there was no such parameter"""
 
     @property
     def cells(self) -> list[dict[str, Range]]:
@@ -38,7 +38,7 @@ class Grid:
         return [dict(zip(self.axes, ranges, strict=True)) for ranges in itertools.product(first, second)]
 
     def as_data(self, metrics: list[dict[str, Any]]) -> dict[str, Any]:
-        """Plain data for ``metrics.json``: the grid with the metrics of each cell, in the order of :attr:`cells`."""
+        """Plain data for ``grid.json``: the grid with the metrics of each cell, in the order of :attr:`cells`."""
         cells = [{**limits(cell), "metrics": found} for cell, found in zip(self.cells, metrics, strict=True)]
         return {"mode": self.mode, "axes": list(self.axes), "trained": self.trained, "cells": cells}
 
@@ -48,9 +48,11 @@ def limits(cell: dict[str, Range]) -> dict[str, list[float]]:
     return {key: [range_.low, range_.high] for key, range_ in cell.items()}
 
 
-def read_grid(text: str, task: TaskConfig, cells: int = CELLS) -> Grid:
+def read_grid(text: str, task: TaskConfig, trained: TaskConfig, cells: int = CELLS) -> Grid:
     """Read ``jump.w,jump.h`` or ``jump.w:0.1:0.8:8,jump.h``.
 
+    :param task: the task of the test, whose ranges the axes span
+    :param trained: the task as it was in training
     :param cells: along an axis that does not say how many; it spans half a range beyond both ends, and no less than
         half the least value
     :raises ValueError: if it does not have this form
@@ -60,10 +62,10 @@ def read_grid(text: str, task: TaskConfig, cells: int = CELLS) -> Grid:
     if len(axes) != 2 or axes[0][0] != axes[1][0]:
         raise ValueError(f"'grid' needs two parameters of one mode, e.g. jump.w,jump.h; found '{text}'.")
     (mode, first, first_edges), (_, second, second_edges) = axes
-    ranges = task.mode_ranges[mode]
-    return Grid(
-        mode, (first, second), (first_edges, second_edges), limits({key: ranges[key] for key in (first, second)})
-    )
+    ranges = trained.mode_ranges.get(mode, {})
+    known = {first, second} <= ranges.keys()
+    spans = limits({key: ranges[key] for key in (first, second)}) if known else {}
+    return Grid(mode, (first, second), (first_edges, second_edges), spans)
 
 
 def _axis(text: str, task: TaskConfig, cells: int) -> tuple[str, str, np.ndarray]:
@@ -90,13 +92,16 @@ def _axis(text: str, task: TaskConfig, cells: int) -> tuple[str, str, np.ndarray
     return mode, parameter, np.round(np.linspace(low, high, cells + 1), 6)
 
 
-def default_grids(task: TaskConfig, cells: int = CELLS) -> list[Grid]:
-    """A grid for every mode with two ranges: over the first two."""
+def default_grids(task: TaskConfig, trained: TaskConfig, cells: int = CELLS) -> list[Grid]:
+    """A grid for every mode with two ranges: over the first two.
+
+    The parameters are those of :func:`read_grid`.
+    """
     grids = []
     for mode, ranges in task.mode_ranges.items():
         varied = [key for key, range_ in ranges.items() if range_.high > range_.low]
         if len(varied) >= 2:
-            grids.append(read_grid(f"{mode}.{varied[0]},{mode}.{varied[1]}", task, cells))
+            grids.append(read_grid(f"{mode}.{varied[0]},{mode}.{varied[1]}", task, trained, cells))
     return grids
 
 

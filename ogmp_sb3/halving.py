@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.evaluate import measure
@@ -118,4 +118,4 @@ def _show(ranked: list[tuple[list[float], str]], kept: int, title: str) -> None:
     table.add_column("")
     for place, (score, value) in enumerate(ranked):
         table.add_row(value, *(f"{number:.3f}" for number in score), "kept" if place < kept else "dropped")
-    Console().print(table)
+    cli.console().print(table)

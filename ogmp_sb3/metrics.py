@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.registry import metrics, objectives
 from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.srb import GRAVITY
 
-Summary = dict[str, float | int | list[float]]
+Summary = dict[str, Any]  # of :func:`summarise`
 
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
@@ -23,7 +25,10 @@ MIN_HEIGHT = 0.3  # m, base over the terrain
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRecord:
-    """One episode, one row per control step; row 0 is the start. World frame."""
+    """One episode, one row per control step; row 0 is the start. World frame.
+
+    A step in which the simulation failed has no row.
+    """
 
     base_pos_w: np.ndarray
     """shape (steps + 1, 3), m"""
@@ -51,6 +56,8 @@ class EpisodeRecord:
     """time limit, control steps"""
     leg_length: float
     """m"""
+    track_length: float | None
+    """m; flat ground follows. None: endless"""
     modes: tuple[dict[str, float | str], ...]
     """parameters of the modes in order, with the mode's name under ``mode``"""
 
@@ -85,9 +92,9 @@ def episode_length_fraction(record: EpisodeRecord) -> float:
 
 
 @metrics.register()
-def no_fall_fraction(record: EpisodeRecord) -> float:
+def no_fall_fraction(record: EpisodeRecord) -> bool:
     """1 if the episode ended by its time limit, or at the distance asked for."""
-    return float(record.termination in ("time_limit", "max_distance"))
+    return record.termination in ("time_limit", "max_distance")
 
 
 @metrics.register()
@@ -109,26 +116,27 @@ def surrogate_objective(record: EpisodeRecord) -> float:
 
 
 @metrics.register()
-def success_rate(record: EpisodeRecord) -> float:
+def success_rate(record: EpisodeRecord) -> bool:
     """1 if the true objective of a dive is met: see :func:`flip_and_land`."""
     return flip_and_land(record)
 
 
 @objectives.register()
 def track_displacement(record: EpisodeRecord) -> float:
-    """Parkour: displacement along the track, m."""
-    return distance_m(record)
+    """Parkour: displacement along the track, up to its end, m."""
+    displacement = distance_m(record)
+    return displacement if record.track_length is None else min(displacement, record.track_length)
 
 
 @objectives.register()
-def flip_and_land(record: EpisodeRecord) -> float:
+def flip_and_land(record: EpisodeRecord) -> bool:
     """Dive: 1 if the base turned once about the flip's axis, never came low, and stood upright at the end."""
     direction = next((str(m["r"]) for m in record.modes if "r" in m), "front")
     turned = abs(flip_angle(record.base_quat, direction) - 2 * np.pi) <= FULL_TURN_TOLERANCE
     up = quat_rotate(record.base_quat, np.array([0.0, 0.0, 1.0]))[:, 2]
     upright = bool((up[-UPRIGHT_STEPS:] >= np.cos(UPRIGHT_TOLERANCE)).all())
     high = bool((record.height >= MIN_HEIGHT).all())
-    return float(turned and upright and high and record.termination == "time_limit")
+    return bool(turned and upright and high and record.termination == "time_limit")
 
 
 def highest_objective(task: TaskConfig) -> float | None:
@@ -156,19 +164,37 @@ def flip_angle(quat: np.ndarray, direction: str) -> float:
 def summarise(values: Iterable[float]) -> Summary:
     """Mean, standard deviation, n and a 95 % confidence interval of the mean.
 
-    Values that are all 0 or 1 get Wilson's interval, which holds near 0 and 1; others the normal one.
+    The interval is Wilson's if all values are ``bool``, else Student's. One number alone has no standard deviation
+    and no interval: None.
     """
-    x = np.array(list(values), dtype=float)
+    found = list(values)
+    x = np.array(found, dtype=float)
     n, mean = len(x), float(x.mean())
-    std = float(x.std(ddof=1)) if n > 1 else 0.0
+    std = float(x.std(ddof=1)) if n > 1 else None
+    interval: list[float] | list[None] = [None, None]
+    if all(isinstance(value, bool | np.bool_) for value in found):
+        interval = _wilson(mean, n)
+    elif std is not None:
+        half = float(stdtrit(n - 1, 0.975)) * std / math.sqrt(n)
+        interval = [mean - half, mean + half]
+    return {"mean": mean, "std": std, "n": n, "ci95": interval}
+
+
+def _wilson(share: float, n: int) -> list[float]:
+    """Wilson's 95 % interval of a probability, which holds near 0 and 1.
+
+    :param share: of yes among ``n`` values
+    """
     z = 1.959964
-    fraction = bool(np.isin(x, (0.0, 1.0)).all())
-    if fraction:
-        centre = (mean + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * math.sqrt(mean * (1 - mean) / n + z * z / (4 * n * n))
-    else:
-        centre, half = mean, z * std / math.sqrt(n)
-    low, high = centre - half, centre + half
-    if fraction:
-        low, high = max(min(low, mean), 0.0), min(max(high, mean), 1.0)
-    return {"mean": mean, "std": std, "n": n, "ci95": [low, high]}
+    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    # It holds the share and lies within 0 and 1 but for rounding.
+    return [max(min(centre - half, share), 0.0), min(max(centre + half, share), 1.0)]
+
+
+def as_text(numbers: Sequence[float | None], digits: int = 3, between: str = "") -> str:
+    """Numbers of a summary for a table, a dash where there are none.
+
+    :param between: what stands between two
+    """
+    return between.join(f"{x:.{digits}f}" for x in numbers if x is not None) or "-"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
 from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import task_path
@@ -90,7 +88,7 @@ def _run(arguments: list[str]) -> None:
     if path is not None:
         steps = max(1, round(config.seconds / task.control_dt))
         write_video([player.frame, *(player.step() for _ in range(steps))], task, path)
-        Console().print(str(path), soft_wrap=True)
+        cli.console().print(str(path))
         return
     Viewer(player, config.host, config.port, config.seed).run()
 

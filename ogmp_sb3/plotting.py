@@ -5,6 +5,8 @@ A path that ends in ``.png`` gets a picture of that kind; one without an ending 
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +24,15 @@ from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.traces import Trace
 
 COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
-MODE_COLOURS = {"pace": "#0072b2", "leap": "#d55e00", "jump": "#009e73", "flip": "#cc79a7", "settle": "#0072b2"}
+MODE_COLOURS = {
+    "pace": "#0072b2", "leap": "#d55e00", "jump": "#009e73", "flip": "#cc79a7", "settle": "#0072b2",
+    "": "0.6",  # no mode
+}  # fmt: skip
 CAUSE_COLOURS = {
     "time_limit": "#009e73", "max_distance": "#56b4e9", "bound": "#e69f00", "low_reward": "#cc79a7", "fall": "#d55e00",
     "unstable": "#000000",
 }  # fmt: skip
-OTHER_COLOUR = "0.6"
+MORE_COLOURS = ("#8c564b", "#6a3d9a", "#bcbd22", "#17becf", "#e377c2", "#393b79")  # of users' own names
 TRACE_WIDTH, TRACE_HEIGHT = 9.2, 1.8  # inches: width of motion traces, and the height of one at most
 SHORT = 3.0  # m: shorter motions are drawn side by side
 UP_EVERY, UP_LENGTH = 4, 0.1  # control steps between strokes along the trunk, and their length in m
@@ -49,10 +54,16 @@ def save(figure: Figure, path: Path, dpi: int = 120) -> None:
     plt.close(figure)
 
 
+def colours_of(names: Iterable[str], known: dict[str, str]) -> dict[str, str]:
+    """A colour for each name: its own if it is known, else the next of a cycle in the order of appearance."""
+    others = dict.fromkeys(name for name in names if name not in known)
+    return known | dict(zip(others, itertools.cycle(MORE_COLOURS), strict=False))
+
+
 def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
     """Heat maps of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
 
-    :param grids: each as ``grid`` of an evaluation's ``metrics.json``
+    :param grids: each as ``grid`` of an evaluation's ``grid.json``
     :param metric: name of the metric
     :param path: picture to write
     """
@@ -66,8 +77,9 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
         b = np.unique([cell[second] for cell in grid["cells"]])
         values = np.array([cell["metrics"][metric]["mean"] for cell in grid["cells"]]).reshape(len(a) - 1, len(b) - 1)
         mesh = axes.pcolormesh(a, b, values.T, cmap="viridis", rasterized=True)
-        (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
-        axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
+        if grid["trained"]:
+            (a0, a1), (b0, b1) = grid["trained"][first], grid["trained"][second]
+            axes.add_patch(Rectangle((a0, b0), a1 - a0, b1 - b0, fill=False, edgecolor="black", linewidth=2))
         axes.set(title=grid["mode"], xlabel=first, ylabel=second)
         figure.colorbar(mesh)
     figure.suptitle(f"{metric} (black: trained on)", fontsize="medium")
@@ -77,7 +89,7 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
 def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
     """Fraction of episodes without a fall over the size of each disturbance, with 95 % intervals.
 
-    :param results: ``robustness`` of an evaluation's ``metrics.json``
+    :param results: ``robustness`` of an evaluation's ``robustness.json``
     :param path: picture to write
     """
     columns = min(len(results), 3)
@@ -215,10 +227,9 @@ def plot_terminations(causes: dict[str, int], path: Path) -> None:
     """
     total = sum(causes.values())
     figure, axes = plt.subplots(figsize=(10, 1.3), layout="constrained")
-    left = 0
+    left, colours = 0, colours_of(causes, CAUSE_COLOURS)
     for cause, count in sorted(causes.items(), key=lambda entry: -entry[1]):
-        colour = CAUSE_COLOURS.get(cause, OTHER_COLOUR)
-        axes.barh(0, count, left=left, height=0.6, color=colour, label=f"{cause} {count / total:.0%} ({count})")
+        axes.barh(0, count, left=left, height=0.6, color=colours[cause], label=f"{cause} {count / total:.0%} ({count})")
         left += count
     axes.set(yticks=[], xlim=(0, total), ylim=(-0.4, 0.4), xlabel="episodes")
     axes.spines["left"].set_visible(False)
@@ -244,10 +255,11 @@ def plot_traces(traces: list[Trace], path: Path) -> None:
     )  # fmt: skip
     for axes in [*grid[::2].flat[len(traces) :], *grid[1::2].flat[len(traces) :]]:
         axes.axis("off")
-    largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces])
+    largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces]) or 1.0
     longest = max(len(trace.deviation) for trace in traces)
+    colours = colours_of([piece.mode for trace in traces for piece in trace.ground], MODE_COLOURS)
     for trace, above, below in zip(traces, grid[::2].flat, grid[1::2].flat, strict=False):
-        _draw_trace(above, trace, floor)
+        _draw_trace(above, trace, floor, colours)
         above.set(title=trace.title, ylabel="height (m)", xlim=(start, end), ylim=(floor, ceiling))
         above.set_xlabel(f"{'xy'[trace.axis]} (m)", labelpad=0)
         above.locator_params(axis="x", nbins=5 if columns > 1 else 12)
@@ -277,12 +289,12 @@ def _extent(traces: list[Trace]) -> tuple[tuple[float, float], tuple[float, floa
     return (float(along.min()) - 0.2, float(along.max()) + 0.2), (floor, float(up.max()) + 0.15)
 
 
-def _draw_trace(axes: Axes, trace: Trace, floor: float) -> None:
+def _draw_trace(axes: Axes, trace: Trace, floor: float, colours: dict[str, str]) -> None:
     for piece in trace.ground:
         width = piece.end - piece.start
         axes.bar(piece.start, piece.top - floor, width, bottom=floor, align="edge", color="0.88", linewidth=0.5)
-        colour = MODE_COLOURS.get(piece.mode, OTHER_COLOUR)
-        axes.plot([piece.start, piece.end], [piece.top] * 2, color=colour, linewidth=2.5, label=piece.mode or None)
+        level = [piece.top, piece.top]
+        axes.plot([piece.start, piece.end], level, color=colours[piece.mode], linewidth=2.5, label=piece.mode or None)
     start = 0
     for part in trace.references:
         if trace.half_band is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.plotting import CAUSE_COLOURS, OTHER_COLOUR, legend_entries, save
+from ogmp_sb3.plotting import CAUSE_COLOURS, colours_of, legend_entries, save
 
 SMOOTH = 5  # rows of progress.csv that a line is averaged over
 BOUND_COLOUR = "#c00000"
@@ -57,9 +57,9 @@ def plot_training(
         _frame(axes, label)
     axes = grid.flat[len(columns)]
     shares = [smoothed(np.nan_to_num(log[column])) for column in causes]
-    colours = [CAUSE_COLOURS.get(cause, OTHER_COLOUR) for cause in causes.values()]
+    colours = colours_of(causes.values(), CAUSE_COLOURS)
     if shares:
-        axes.stackplot(samples, shares, labels=causes.values(), colors=colours)
+        axes.stackplot(samples, shares, labels=causes.values(), colors=[colours[cause] for cause in causes.values()])
         axes.legend(fontsize="small", ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         axes.set(xlim=(samples[0], max(samples[-1], samples[0] + 1e-9)), ylim=(0.0, 1.0))
     axes.set(xlabel="samples (millions)", ylabel="episodes ended by")
@@ -121,7 +121,8 @@ def plot_objectives(
             mine = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
             x = [places[row["value"]] for row in mine]
             mean = np.array([row["mean"] for row in mine])
-            spread = [mean - [row["low"] for row in mine], [row["high"] for row in mine] - mean]
+            low, high = (np.array([row[end] for row in mine], dtype=float) for end in ("low", "high"))  # None: nan
+            spread = [mean - low, high - mean]
             axes.errorbar(x, mean, spread, fmt="o-", color=colours[line], capsize=3, markersize=4, label=line or None)
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")

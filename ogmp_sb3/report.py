@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import CELLS
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.registry import did_you_mean
@@ -79,7 +78,7 @@ def _run(arguments: list[str]) -> None:
     else:
         assert config.sweep is not None
         page = _report_sweep(config, Path(config.sweep), overrides, variants)
-    Console().print(str(page), soft_wrap=True)
+    cli.console().print(str(page))
 
 
 def _report_run(config: ReportConfig, name: str, overrides: list[str], variants: list[str]) -> Path:
@@ -88,8 +87,8 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
     run = read_run(folder) if (folder / CONFIG).is_file() else None
     loaded = load_policy(folder / "best" if run and config.policy == "best" else name, config.trust, config.task)
-    out = Path(config.out) if config.out else folder / "report" if run else Path("report") / loaded.name
-    subject = Subject(loaded, overrides, folder if run else out)
+    out = Path(config.out) if config.out else default_out(name, loaded, "report")
+    subject = Subject(loaded, overrides, owner(name) or out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [
         report_run.overview(subject, run),

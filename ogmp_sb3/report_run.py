@@ -16,14 +16,17 @@ from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.latent import load_encoder
 from ogmp_sb3.logs import STEP_COLUMN, progress_bar
+from ogmp_sb3.metrics import as_text
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
 from ogmp_sb3.plotting_training import SMOOTH, plot_training
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject
+from ogmp_sb3.sweeps import shown
 from ogmp_sb3.traces import Trace, ground_rows, trace_rows
 
-VARIANTS = {"oracle": ("linear", "lqr", "preview"), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}  # fig:abl_trc
+# What motion traces are varied in (paper, fig:abl_trc); the oracles are those of the task.
+VARIANTS: dict[str, tuple[Any, ...]] = {"oracle": (), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}
 CURVES = {
     "episode/return": "return",
     "episode/length": "length (control steps)",
@@ -117,7 +120,7 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     return (
         f"{episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at most "
         f"{test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode ends "
-        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 % (Wilson's for fractions). "
+        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 %: Student's, Wilson's for yes or no. "
         f"Physics step {task.physics_dt:g} s, on which accelerations depend."
     )
 
@@ -127,9 +130,9 @@ def metrics_table(task: TaskConfig, metrics: dict[str, Any]) -> Table:
     rows = []
     for name, summary in metrics.items():
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
-        mean, std, (low, high) = summary["mean"], summary["std"], summary["ci95"]
-        numbers = [f"{mean:.3f}", f"{low:.3f}{THIN}…{THIN}{high:.3f}", f"{std:.3f}", str(summary["n"])]
-        rows.append([name, *numbers, _first_sentence(kinds.get(key))])
+        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
+        between = as_text(summary["ci95"], 3, f"{THIN}…{THIN}")
+        rows.append([name, mean, between, std, str(summary["n"]), _first_sentence(kinds.get(key))])
     return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
 
 
@@ -147,8 +150,7 @@ def metrics_rows(groups: list[tuple[str, dict[str, Any]]]) -> Rows:
 
 def interval(summary: dict[str, Any]) -> str:
     """Mean and interval in one cell."""
-    low, high = summary["ci95"]
-    return f"{summary['mean']:.2f} [{low:.2f},{THIN}{high:.2f}]"
+    return f"{summary['mean']:.2f} [{as_text(summary['ci95'], 2, f',{THIN}')}]"
 
 
 def _first_sentence(function: Any) -> str:
@@ -158,7 +160,7 @@ def _first_sentence(function: Any) -> str:
 
 def mode_parameters(subject: Subject, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
     """Heat maps of the return over two parameters of each mode that has two ranges."""
-    grids = default_grids(subject.task, cells)
+    grids = default_grids(subject.task, subject.loaded.task, cells)
     if not grids:
         return None
     found = []
@@ -188,7 +190,8 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
     rows = []
     for grid in grids:
         for cell in grid["cells"]:
-            inside = all(_trained(cell[key], span) for key, span in grid["trained"].items())
+            spans = grid["trained"].items()
+            inside = bool(spans) and all(_trained(cell[key], span) for key, span in spans)
             summary, (first, second) = cell["metrics"]["return"], grid["axes"]
             rows.append({
                 "mode": grid["mode"],
@@ -202,7 +205,7 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
 
 def _trained(cell: list[float], span: list[float]) -> bool:
     """Whether the middle of a cell lies in the training range, or the whole range in the cell."""
-    return span[0] <= np.mean(cell) <= span[1] or cell[0] <= span[0] <= span[1] <= cell[1]
+    return span[0] <= float(np.mean(cell)) <= span[1] or cell[0] <= span[0] <= span[1] <= cell[1]
 
 
 def _mean(values: list[float]) -> str:
@@ -215,7 +218,7 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
         traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))
     ]
     for key in variants:
-        values = [value for value in VARIANTS[key] if _applies(subject.task, key, value)]
+        values = _values(subject.task, key)
         if not values:
             continue
         traces = list(
@@ -224,7 +227,8 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
             )
         )
         ends = " The bound ends the episode." if key == "rho" else ""
-        caption = f"The same policy, trained with {key} = {getattr(subject.task, key)}, under other values.{ends}"
+        trained = shown(getattr(subject.loaded.task, key))
+        caption = f"The same policy, trained with {key} = {trained}, under other values.{ends}"
         parts.append(traces_picture(out, f"traces_{key}", caption, traces))
     text = (
         "The way of the base (black; grey strokes along the trunk) and what the oracle answered to each query (orange, "
@@ -234,11 +238,11 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
     return Section("Motion", text, parts)
 
 
-def _applies(task: TaskConfig, key: str, value: Any) -> bool:
-    """Whether a variant makes sense: timed modes have no horizon, and an oracle needs its parameters."""
-    if key == "horizon":
-        return task.horizon is not None
-    return key != "oracle" or value in {*task.oracle_params, task.oracle}
+def _values(task: TaskConfig, key: str) -> tuple[Any, ...]:
+    """What a key is varied over; timed modes have no horizon."""
+    if key == "oracle":
+        return tuple(task.oracle_params)
+    return () if key == "horizon" and task.horizon is None else VARIANTS[key]
 
 
 def traces_picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Picture:

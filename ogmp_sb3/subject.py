@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -41,9 +40,7 @@ class Subject:
         self.task = self._task([])
         self._folder = folder
         self._results = Results(folder / RESULTS)
-        digest = hashlib.sha256(b"".join(file.read_bytes() for file in self.loaded.files)).hexdigest()
-        found = {name: version for name, version in versions().items() if name in DECIDING}
-        self._settings = {"policy": digest[:16], "versions": found, "overrides": overrides}
+        self._settings = {"policy": loaded.digest, "versions": _deciding(versions()), "overrides": overrides}
 
     @property
     def samples(self) -> int | None:
@@ -64,7 +61,7 @@ class Subject:
         )
 
     def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
-        """The metrics over a grid of mode parameters, as in ``metrics.json``.
+        """The metrics over a grid of mode parameters, as in ``grid.json``.
 
         :param episodes: of each cell
         """
@@ -110,12 +107,17 @@ class Subject:
         """What ``ogmp-eval`` found about this policy under the same settings, or None."""
         try:
             report = json.loads((self._folder / METRICS).read_text(encoding="utf-8"))
+            settings = {**report, "versions": _deciding(report["versions"])}
             same = (
-                report["num_timesteps"] == self.samples
+                all(settings[key] == value for key, value in self._settings.items())
                 and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
-                and report["overrides"] == self.overrides
                 and report["metrics"]["return"]["n"] == episodes
             )
             return {key: report[key] for key in MEASURED} if same else None
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
+
+
+def _deciding(found: dict[str, str]) -> dict[str, str]:
+    """Of the versions of packages, those that an evaluation depends on."""
+    return {name: version for name, version in found.items() if name in DECIDING}

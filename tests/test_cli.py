@@ -70,6 +70,12 @@ def test_run_turns_a_mistake_into_one_line_and_exit_code_2(monkeypatch, capsys) 
     assert capsys.readouterr().err == "prog: unknown key 'x'.\n"
 
 
+def test_what_programs_print_is_text_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    path = f"runs/modes.flip.r=[left],[/red]/:smile:/{'x' * 300}/report.html"
+    cli.console().print(path)
+    assert capsys.readouterr().out == f"{path}\n"
+
+
 @pytest.mark.parametrize(
     ("error", "line"),
     [

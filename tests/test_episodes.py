@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium import spaces
 
+from ogmp_sb3 import registry
 from ogmp_sb3.checkpoints import policy_kwargs
 from ogmp_sb3.config import load_task
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.episodes import play_batch, play_episodes
 from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.plotting import plot_traces
 from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.traces import make_trace
 
 TASK = replace(load_task("parkour", {"horizon": 5, "bound": {"x": 0.5, "z": 2.0}}).for_evaluation(), episode_steps=18)
 
@@ -31,6 +36,7 @@ def test_every_row_of_a_record_has_one_entry_per_step_and_the_start(records: lis
     for record in records:
         for name in ("base_pos_w", "reward", "reference_pos_w", "phase", "deviation"):
             assert len(getattr(record, name)) == record.steps + 1
+        assert record.track_length == 10.0  # of the test protocol
 
 
 def test_the_phase_counts_from_each_query_of_the_oracle(records: list[EpisodeRecord]) -> None:
@@ -43,3 +49,26 @@ def test_the_deviation_is_the_weighted_distance_to_the_reference(records: list[E
     for record in records:
         error = record.base_pos_w - record.reference_pos_w
         np.testing.assert_allclose(record.deviation, np.hypot(0.5 * error[:, 0], 2.0 * error[:, 2]), atol=1e-12)
+
+
+@pytest.mark.parametrize("survived", [0, 3])
+def test_an_episode_in_which_the_simulation_fails_ends_before_it_and_can_be_drawn(
+    survived: int, tmp_path: Path
+) -> None:
+    env = BatchEnv(replace(TASK, terminations={}), 2, seed=4)
+
+    class Breaking:
+        calls = 0
+
+        def predict(self, *_: Any, **__: Any) -> tuple[np.ndarray, None]:
+            if self.calls == survived:
+                env.sim.qvel[1] = np.nan
+            self.calls += 1
+            return np.zeros((2, env.action_size)), None
+
+    whole, broken = play_batch(Breaking(), env, None, lambda _: None)  # type: ignore[arg-type]
+    assert (whole.steps, whole.termination) == (18, "time_limit")
+    assert (broken.steps, broken.termination) == (survived, "unstable")
+    assert all(np.isfinite(registry.metrics.get(name)(broken)) for name in registry.metrics.names())
+    plot_traces([make_trace(broken, TASK, "broken")], tmp_path / "trace")
+    assert (tmp_path / "trace.png").is_file()

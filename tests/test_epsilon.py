@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from programs import program
+from test_export import make_policy
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.episodes import play_batch
 from ogmp_sb3.epsilon import ShadowedEnv, estimate_epsilon
+from ogmp_sb3.metrics import EpisodeRecord
 
 OPEN = {"curriculum": None, "terminations": {"fall": None}, "rho": None, "min_step_reward": None, "episode_steps": 40}
 
@@ -37,25 +44,54 @@ def test_the_shadow_of_the_own_oracle_is_the_own_deviation(oracle: str) -> None:
         first, second = plain.step(action), shadowed.step(action)
         assert np.array_equal(first.observation, second.observation)
         expected += first.view.deviation.tolist()
-    modes = shadowed.deviations[oracle]
-    assert sorted(x for values in modes.values() for x in values) == sorted(expected)
-    others = [sum(map(sum, shadowed.deviations[name].values())) for name in task.oracle_params if name != oracle]
-    assert all(total != pytest.approx(sum(expected)) for total in others)
+    collected = {
+        name: [x for row in shadowed.deviations for values in row[name].values() for x in values]
+        for name in task.oracle_params
+    }
+    assert sorted(collected.pop(oracle)) == sorted(expected)
+    assert all(sum(others) != pytest.approx(sum(expected)) for others in collected.values())
 
 
-def test_the_spread_counts_every_step_once_for_each_oracle_and_mode() -> None:
+def test_the_spread_counts_every_step_of_whole_episodes_once_for_each_oracle_and_mode(monkeypatch) -> None:
+    def second_falls(*arguments: Any) -> list[EpisodeRecord]:
+        records = play_batch(*arguments)
+        return [replace(record, termination="fall") if i == 1 else record for i, record in enumerate(records)]
+
+    monkeypatch.setattr("ogmp_sb3.epsilon.play_batch", second_falls)
     task = load_task("parkour", OPEN)
     ended: list[int] = []
     found = estimate_epsilon(Waver(task), task, 4, 0, ended.append)  # type: ignore[arg-type]
     assert sum(ended) == 4
-    assert set(found) == {"linear", "lqr", "preview"}
-    for modes in found.values():
-        assert sum(spread["steps"] for spread in modes.values()) == 4 * 40
+    assert (found["episodes"], found["left_out"]) == (3, 1)
+    assert found["unit"] == "norm of W (x - x_ref), W: x 1"
+    assert set(found["oracles"]) == {"linear", "lqr", "preview"}
+    for modes in found["oracles"].values():
+        assert sum(spread["steps"] for spread in modes.values()) == 3 * 40
         for spread in modes.values():
             assert 0.0 <= spread["median"] <= spread["p95"] <= spread["max"]
+
+
+def test_a_policy_that_always_falls_has_no_epsilon() -> None:
+    task = load_task("parkour", {**OPEN, "terminations": {"fall": {"min_height": 5.0}}})
+    found = estimate_epsilon(Waver(task), task, 2, 0, lambda _: None)  # type: ignore[arg-type]
+    assert (found["episodes"], found["left_out"], found["oracles"]) == (0, 2, {})
 
 
 def test_in_a_timed_task_modes_are_told_apart_too() -> None:
     task = load_task("dive", {**OPEN, "terminations": {"fall": None}, "episode_steps": 120})
     found = estimate_epsilon(Waver(task), task, 2, 0, lambda _: None)  # type: ignore[arg-type]
-    assert set(found["preview"]) == {"flip", "settle"}
+    assert set(found["oracles"]["preview"]) == {"flip", "settle"}
+
+
+def test_eval_says_that_it_is_an_estimate_and_what_biases_it(tmp_path: Path) -> None:
+    make_policy(tmp_path / "policy", "dive", 1)
+    arguments = ["epsilon=true", "episodes=1", "evaluation.episode_steps=5", "evaluation.terminations.fall=null"]
+    done = program("evaluate", "run=policy", "out=out", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "an estimate biased by the training with preview, rho 0.3" in done.stdout
+    assert "1 episodes; 0 others ended before their time" in " ".join(done.stdout.split())
+    found = json.loads((tmp_path / "out" / "epsilon.json").read_text())["epsilon"]
+    assert found["what"] == "an estimate, biased by the oracle and the rho of the training"
+    assert found["trained_with"] == {"oracle": "preview", "rho": 0.3}
+    assert found["unit"].endswith("W: z 1, wx 0.025, wy 0.025")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["epsilon.json"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,22 +11,40 @@ import pytest
 from ogmp_sb3.config import load_task
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.grid import cell_task, default_grids, read_grid
+from ogmp_sb3.plotting import plot_grids
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.report_run import grid_rows
 
 PARKOUR = load_task("parkour")
 
 
 def test_an_axis_spans_half_a_range_beyond_both_ends_and_knows_what_was_trained() -> None:
-    grid = read_grid("jump.w,jump.h", PARKOUR, cells=4)
+    grid = read_grid("jump.w,jump.h", PARKOUR, PARKOUR, cells=4)
     assert (grid.mode, grid.axes) == ("jump", ("w", "h"))
     np.testing.assert_allclose(grid.edges[0], [0.2, 0.3, 0.4, 0.5, 0.6])
     np.testing.assert_allclose(grid.edges[1][[0, -1]], [0.125, 0.425])
     assert grid.trained == {"w": [0.3, 0.5], "h": [0.2, 0.35]}
-    assert read_grid("pace.v,pace.length", PARKOUR).edges[1][0] == 0.2  # half of 0.4, where half a range would give 0
+    assert read_grid("pace.v,pace.length", PARKOUR, PARKOUR).edges[1][0] == 0.2  # half of 0.4, not 0
+
+
+def test_what_was_trained_is_not_what_the_test_asks_for() -> None:
+    asked = load_task("parkour", {"modes.jump.h": [0.35, 0.45]})
+    (grid,) = (grid for grid in default_grids(asked, PARKOUR, 2) if grid.mode == "jump")
+    assert grid.trained == {"w": [0.3, 0.5], "h": [0.2, 0.35]}
+    np.testing.assert_allclose(grid.edges[1], [0.3, 0.4, 0.5])
+
+
+def test_a_mode_that_was_never_trained_has_no_range_to_outline(tmp_path: Path) -> None:
+    grid = read_grid("jump.w:0.1:0.3:2,jump.h:0.1:0.3:2", PARKOUR, load_task("dive"))
+    data = grid.as_data([{"return": {"mean": 1.0, "ci95": [0.0, 2.0], "n": 3}}] * 4)
+    assert data["trained"] == {}
+    assert [row["trained"] for row in grid_rows([data])] == [False] * 4
+    plot_grids([data], "return", tmp_path / "grid.png")
+    assert (tmp_path / "grid.png").is_file()
 
 
 def test_an_axis_can_be_given_with_its_limits_and_cells() -> None:
-    grid = read_grid("leap.w:0.1:0.3:2,leap.d:0.4:0.5:1", PARKOUR)
+    grid = read_grid("leap.w:0.1:0.3:2,leap.d:0.4:0.5:1", PARKOUR, PARKOUR)
     assert grid.cells == [
         {"w": Range(0.1, 0.2), "d": Range(0.4, 0.5)},
         {"w": Range(0.2, 0.3), "d": Range(0.4, 0.5)},
@@ -33,7 +52,7 @@ def test_an_axis_can_be_given_with_its_limits_and_cells() -> None:
 
 
 def test_data_keep_metrics_with_their_cells() -> None:
-    grid = read_grid("jump.w:0:1:2,jump.h:2:3:2", PARKOUR)
+    grid = read_grid("jump.w:0:1:2,jump.h:2:3:2", PARKOUR, PARKOUR)
     data = grid.as_data([{"sum": cell["w"].low + cell["h"].high} for cell in grid.cells])
     assert [cell["metrics"]["sum"] for cell in data["cells"]] == [2.5, 3.0, 3.0, 3.5]
     assert all(cell["metrics"]["sum"] == cell["w"][0] + cell["h"][1] for cell in data["cells"])
@@ -41,10 +60,11 @@ def test_data_keep_metrics_with_their_cells() -> None:
 
 
 def test_every_mode_with_two_ranges_has_a_grid_over_the_first_two() -> None:
-    assert [(g.mode, g.axes) for g in default_grids(PARKOUR)] == [
+    assert [(g.mode, g.axes) for g in default_grids(PARKOUR, PARKOUR)] == [
         ("pace", ("v", "length")), ("jump", ("w", "h")), ("leap", ("w", "run_up")),
     ]  # fmt: skip
-    assert default_grids(load_task("dive")) == []
+    dive = load_task("dive")
+    assert default_grids(dive, dive) == []
 
 
 def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> None:
@@ -68,7 +88,7 @@ def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> N
 )
 def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
-        read_grid(text, PARKOUR)
+        read_grid(text, PARKOUR, PARKOUR)
 
 
 @pytest.mark.parametrize(("w", "run_up"), [(0.125, 0.15), (0.05, 0.05)])

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from ogmp_sb3 import registry
@@ -11,9 +12,11 @@ from ogmp_sb3.config import load_task
 from ogmp_sb3.metrics import (
     UPRIGHT_STEPS,
     EpisodeRecord,
+    as_text,
     flip_and_land,
     flip_angle,
     highest_objective,
+    summarise,
     track_displacement,
 )
 from ogmp_sb3.modes import FLIP_SPEED, flip
@@ -55,6 +58,7 @@ def record(direction: str = "front", total: float = 2 * np.pi, **fields: Any) ->
         "termination": "time_limit",
         "max_steps": STEPS,
         "leg_length": 0.459,
+        "track_length": None,
         "modes": ({"mode": "flip", "r": direction, "h": 1.0}, {"mode": "settle"}),
     }
     return EpisodeRecord(**{**values, **fields})
@@ -99,6 +103,15 @@ def test_distance_is_the_displacement_along_the_track() -> None:
     position = np.outer(np.linspace(0, 1, STEPS + 1), [4.0, 9.0, 9.0]) + 100.0
     assert metric("distance_m", record(base_pos_w=position)) == pytest.approx(4.0)
     assert track_displacement(record(base_pos_w=position)) == pytest.approx(4.0)
+
+
+def test_the_true_objective_of_a_track_ends_where_the_track_does_unlike_the_distance() -> None:
+    position = np.outer(np.linspace(0, 1, STEPS + 1), [13.6, 0.0, 0.0])
+    protocol = load_task("parkour").for_evaluation()
+    there = record(base_pos_w=position, track_length=protocol.track.length)
+    assert track_displacement(there) == highest_objective(protocol) == 10.0
+    assert metric("distance_m", there) == pytest.approx(13.6)
+    assert track_displacement(record(base_pos_w=0.5 * position, track_length=10.0)) == pytest.approx(6.8)
 
 
 def test_the_return_is_the_sum_of_rewards() -> None:
@@ -226,3 +239,38 @@ def test_the_true_objective_is_measured_against_the_test_track_or_one_dive() -> 
     assert highest_objective(load_task("parkour", {"evaluation.track_length": 7.0})) == 7.0
     assert highest_objective(load_task("parkour", {"evaluation.track_length": None})) is None
     assert highest_objective(load_task("dive")) == flip_and_land(record())
+
+
+# ---- many episodes ----
+
+
+@pytest.mark.parametrize("n", [2, 5, 200])
+def test_numbers_have_student_s_interval(n: int) -> None:
+    values = np.random.default_rng(n).exponential(3.0, n)
+    found = summarise(values)
+    expected = stats.t.interval(0.95, n - 1, values.mean(), values.std(ddof=1) / np.sqrt(n))
+    np.testing.assert_allclose(found["ci95"], expected)
+    assert (found["mean"], found["std"], found["n"]) == (values.mean(), values.std(ddof=1), n)
+
+
+@pytest.mark.parametrize(("yes", "n"), [(0, 20), (20, 20), (1, 1), (7, 9), (482, 500)])
+def test_yes_or_no_has_wilson_s_interval(yes: int, n: int) -> None:
+    found = summarise(i < yes for i in range(n))
+    expected = stats.binomtest(yes, n).proportion_ci(0.95, "wilson")
+    np.testing.assert_allclose(found["ci95"], expected, atol=1e-7)
+    assert 0.0 <= found["ci95"][0] <= found["mean"] <= found["ci95"][1] <= 1.0
+
+
+def test_numbers_that_happen_to_be_0_or_1_are_no_yes_or_no() -> None:
+    assert summarise([1.0, 1.0, 1.0])["ci95"] == [1.0, 1.0]
+    assert summarise([0.0, 1.0])["ci95"][1] > 1.0
+    records = [record(), record(termination="fall")]
+    assert summarise(registry.metrics.get("no_fall_fraction")(r) for r in records)["ci95"][1] < 1.0
+    assert summarise(flip_and_land(r) for r in records)["ci95"][1] < 1.0
+
+
+def test_one_number_has_no_interval_and_tables_show_a_dash() -> None:
+    found = summarise([3.0])
+    assert found == {"mean": 3.0, "std": None, "n": 1, "ci95": [None, None]}
+    assert [as_text([found["std"]]), as_text(found["ci95"], 3, " .. ")] == ["-", "-"]
+    assert as_text([1.0, 2.25], 1, " .. ") == "1.0 .. 2.2"

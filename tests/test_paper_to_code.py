@@ -95,7 +95,7 @@ def test_a_command_has_keys_and_values_that_its_program_and_task_know(command: s
     path = TASKS_DIR / f"{task}.yaml"
     loaded = task_for_test(read_yaml(path), path, overrides, getattr(config, "scene", None), program)
     if getattr(config, "grid", None):
-        assert read_grid(config.grid, loaded).cells
+        assert read_grid(config.grid, loaded, loaded).cells
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command.startswith("ogmp-train ")])

@@ -24,8 +24,9 @@ def test_no_bound_is_black_and_all_other_lines_differ() -> None:
 
 
 def test_objectives_are_drawn_for_numbers_words_and_no_value(tmp_path: Path) -> None:
+    ends: list[dict[str, float | None]] = [{"low": 2.0, "high": 4.0}] * 2 + [{"low": None, "high": None}]
     for i, values in enumerate((["0.3", "0.5", "null"], ["lqr", "linear"], ["null"])):
-        rows = [{"objective": "return", "line": "", "value": v, "mean": 3.0, "low": 2.0, "high": 4.0} for v in values]
+        rows = [{"objective": "return", "line": "", "value": v, "mean": 3.0, **ends[i]} for v in values]
         plot_objectives(rows, "rho", {"return": 10.0}, (0.5, 1.0) if i == 0 else None, tmp_path / f"picture{i}")
         with Image.open(tmp_path / f"picture{i}.png") as image:
             assert image.width > 300

@@ -8,7 +8,10 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +19,15 @@ import yaml
 from PIL import Image
 from test_train import SMALL, program
 
+from ogmp_sb3 import report_run
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
+from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import default_grids
+from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return
 from ogmp_sb3.subject import Subject
+from ogmp_sb3.traces import Trace
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
 
@@ -124,6 +131,29 @@ def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Pat
     assert all(float(row["deviation"]) <= 0.1 for row in bound[:-1])
 
 
+def test_variants_are_told_from_what_was_trained_and_oracles_are_those_of_the_task(monkeypatch, tmp_path: Path) -> None:
+    captions: dict[str, str] = {}
+    played: list[str] = []
+
+    class Asked:
+        loaded = SimpleNamespace(task=load_task("parkour", {"rho": None}))
+        task = replace(load_task("parkour", {"rho": 0.2, "oracle": "lqr"}), oracle_params={"mine": {}, "lqr": {}})
+
+        def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
+            played.extend(overrides)
+            return []
+
+    def picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Table:
+        captions[name] = caption
+        return Table([])
+
+    monkeypatch.setattr(report_run, "traces_picture", picture)
+    report_run.motion(Asked(), 1, 0, list(report_run.VARIANTS), tmp_path)  # type: ignore[arg-type]
+    assert played[:2] == ["oracle=mine", "oracle=lqr"]
+    for key, value in (("oracle", "preview"), ("horizon", "30"), ("rho", "null")):
+        assert f"trained with {key} = {value}," in captions[f"traces_{key}"]
+
+
 def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> None:
     def fail(*arguments: object, **named: object) -> None:
         raise AssertionError("played again")
@@ -134,7 +164,7 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
     subject = Subject(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
     causes = subject.evaluation(3, 0, done.append)["terminations"]
     assert sum(causes.values()) == sum(done) == 3
-    for grid in default_grids(subject.task, 3):
+    for grid in default_grids(subject.task, subject.loaded.task, 3):
         assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 9
     with pytest.raises(AssertionError, match="played again"):
         subject.evaluation(4, 0, done.append)
@@ -151,6 +181,23 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tm
     for overrides, episodes, seed in (([], 3, 0), ([QUICK[1]], 2, 0), ([QUICK[1]], 3, 1)):
         subject = Subject(load_policy(copy), overrides, copy)
         assert subject.evaluation(episodes, seed, lambda n: None) == {"metrics": "measured"}
+    for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}):
+        (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
+        (copy / "evaluation" / "results.jsonl").unlink()
+        assert Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {"metrics": "measured"}
+
+
+def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:
+    shipped: Any = SimpleNamespace(name="parkour")
+    for run in ("first", "second"):
+        for policy in ("best", "checkpoints/000000000512"):
+            (tmp_path / run / policy).mkdir(parents=True)
+        (tmp_path / run / "config.yaml").write_text("")
+        assert default_out(str(tmp_path / run), shipped, "report") == tmp_path / run / "report"
+        for policy in ("best", "checkpoints/000000000512"):
+            assert default_out(str(tmp_path / run / policy), shipped, "report") == tmp_path / run / "report" / policy
+            assert owner(str(tmp_path / run / policy)) == tmp_path / run
+    assert default_out("parkour", shipped, "report") == Path("report/parkour")
 
 
 def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
@@ -158,9 +205,8 @@ def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: P
     quick = ["grids=false", "variants=null", "traces=1"]
     done = program("report", "run=mine", *QUICK, *quick, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "report"]
-    assert not (tmp_path / "mine" / "evaluation").exists()
-    assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "report" / "mine" / "report.html").read_text())
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "mine" / "report" / "report.html").read_text())
 
 
 def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) -> None:

@@ -81,7 +81,7 @@ def evaluation(tmp_path_factory) -> Path:
 
 
 def test_eval_writes_figure_table_and_report(evaluation: Path) -> None:
-    report = json.loads((evaluation / "metrics.json").read_text())["robustness"]
+    report = json.loads((evaluation / "robustness.json").read_text())["robustness"]
     assert [result["disturbance"] for result in report] == NAMES
     assert [result["declared"] for result in report] == [None] * 5 + [[3.0, 3.0]]
     with (evaluation / "robustness.csv").open(newline="") as file:
@@ -97,7 +97,7 @@ def test_eval_writes_figure_table_and_report(evaluation: Path) -> None:
 
 
 def test_without_a_disturbance_every_sweep_says_the_same(evaluation: Path) -> None:
-    report = json.loads((evaluation / "metrics.json").read_text())["robustness"]
+    report = json.loads((evaluation / "robustness.json").read_text())["robustness"]
     none = {"mass": 1.0, "friction": 1.0, "gains": 1.0}
     undisturbed = [
         point["no_fall_fraction"]

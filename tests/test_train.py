@@ -60,7 +60,8 @@ def test_what_is_measured_of_a_policy_that_will_be_replaced_is_not_replaced_with
     arguments = [f"run={run / policy}", "episodes=1", "evaluation.episode_steps=5"]
     done = program("evaluate", *arguments, cwd=run.parent)
     assert done.returncode == 0, done.stderr
-    assert (run / "evaluation" / policy / "metrics.json").is_file()
+    found = (run / "evaluation" / policy / "metrics.json").read_text()
+    assert '"ci95": [\n    null,\n    null\n   ]' in found and "NaN" not in found  # of one episode
 
 
 def test_a_policy_is_tensors_and_json_and_knows_its_task(run: Path) -> None:
@@ -249,7 +250,8 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
     grid = "grid=leap.w:0.1:0.3:2,leap.d:0.4:0.5:2"
     done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", "evaluation.episode_steps=20", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "metrics.json").read_text())["grid"]
+    report = json.loads((tmp_path / "grid.json").read_text())["grid"]
+    assert not (tmp_path / "metrics.json").exists()
     assert [(cell["w"], cell["d"]) for cell in report["cells"]] == [
         ([0.1, 0.2], [0.4, 0.45]), ([0.1, 0.2], [0.45, 0.5]), ([0.2, 0.3], [0.4, 0.45]), ([0.2, 0.3], [0.45, 0.5]),
     ]  # fmt: skip
