@@ -213,6 +213,12 @@ def test_a_mistake_of_one_job_is_told_when_the_others_have_trained(tmp_path: Pat
     assert done.returncode == 0, done.stderr  # what failed before is forgotten
 
 
+def test_a_ready_sweep_over_tasks_needs_a_directory(tmp_path: Path) -> None:
+    done = program("train", "-m", "+experiment=rho", "task=parkour,dive", "hydra/launcher=basic", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "ogmp-train: for several tasks give a directory too: hydra.sweep.dir=<directory>.\n"
+
+
 def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: Path) -> None:
     source = Path(__file__).parents[1] / "tasks" / "stairs.yaml"
     (tmp_path / "mine" / "task").mkdir(parents=True)
