@@ -33,7 +33,7 @@ Evaluations = dict[Path, dict[str, Any]]
 
 def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
     """The policies of the jobs, by directory, and why there is none where there is none."""
-    subjects, notes = {}, {}
+    subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
             continue
@@ -164,7 +164,7 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
     text = (
         "The training return is the mean of the last rows of progress.csv. A job that is stopped goes on with "
         "ogmp-train resume=<its directory>; one that failed left no checkpoint; a missing one was asked for but is "
-        "not there."
+        "not there; a damaged one has a file that cannot be read."
     )
     return Section("Jobs", text, [Table(rows, columns)])
 

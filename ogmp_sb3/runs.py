@@ -15,12 +15,14 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
 from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
 from ogmp_sb3.training import RESUMABLE
 
-FINISHED, RUNNING, STOPPED, FAILED, MISSING = "finished", "running", "stopped", "failed", "missing"
+FINISHED, RUNNING, STOPPED, FAILED = "finished", "running", "stopped", "failed"
+MISSING, DAMAGED = "missing", "damaged"
 QUIET = 600.0  # s: a run that has written nothing for so long is not running
 LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
 LOG, OVERRIDES, MULTIRUN = "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
@@ -41,7 +43,9 @@ class Run:
     """``progress.csv`` by column, each of shape (rows,); nan where a cell is empty"""
     state: str
     """finished: all samples; running: wrote something lately; stopped: has a checkpoint to go on from;
-    failed: has none; missing: was never started, or has gone"""
+    failed: has none; missing: was never started, or has gone; damaged: has a file that cannot be read"""
+    problem: str = ""
+    """a sentence on why it is damaged, or failed"""
 
     @property
     def samples(self) -> int:
@@ -78,21 +82,24 @@ def read_run(path: Path) -> Run:
 
     :raises ValueError: if a file in it cannot be read
     """
-    overrides = _read_overrides(path / OVERRIDES) if (path / OVERRIDES).is_file() else ()
+    overrides = _read_overrides(path / OVERRIDES)
     config = read_yaml(path / CONFIG) if (path / CONFIG).is_file() else {}
     for key in ("task", "train"):
         if key in config:
             entry(config, key, dict[str, Any], Where(str(path / CONFIG)))
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
-    return Run(path, overrides, config, log, _state(path, config, log))
+    problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
+    return Run(path, overrides, config, log, _state(path, config, log), problem)
 
 
 def read_sweep(path: Path) -> list[Run]:
     """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
 
+    A job with a file that cannot be read is one of them, with the reason.
+
     :raises ValueError: if it holds no job
     """
-    jobs = [read_run(folder) for folder in _job_folders(path)]
+    jobs = [_read_job(folder) for folder in _job_folders(path)]
     wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
     found = {_identity(job.overrides) for job in jobs}
     jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
@@ -100,6 +107,18 @@ def read_sweep(path: Path) -> list[Run]:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
     order = {job: i for i, job in enumerate(wanted)}
     return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
+
+
+def _read_job(path: Path) -> Run:
+    """A run directory, without what is in it if a file of it cannot be read."""
+    try:
+        return read_run(path)
+    except ValueError as error:
+        try:
+            overrides = _read_overrides(path / OVERRIDES)
+        except ValueError:
+            overrides = ()
+        return Run(path, overrides, {}, {}, DAMAGED, str(error))
 
 
 def _job_folders(path: Path) -> Iterator[Path]:
@@ -132,7 +151,9 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
 
 
 def _read_overrides(path: Path) -> tuple[str, ...]:
-    """What Hydra has kept of a command line."""
+    """What Hydra has kept of a command line; nothing if it kept none."""
+    if not path.is_file():
+        return ()
     try:
         data = OmegaConf.to_container(OmegaConf.load(path))  # unresolved: only text
         return read(tuple[str, ...], data, Where(str(path)))

@@ -209,13 +209,13 @@ def test_a_job_that_cannot_be_loaded_is_listed_with_the_reason(sweep: Path, tmp_
 
 def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None:
     (tmp_path / "sweep" / "0" / ".hydra").mkdir(parents=True)
-    (tmp_path / "sweep" / "0" / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["task=parkour", "rho=-1"]))
+    (tmp_path / "sweep" / "0" / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["task=parkour"]))
+    (tmp_path / "sweep" / "0" / "progress.csv").write_text("damaged")
     done = program("report", f"sweep={tmp_path / 'sweep'}", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert re.findall(r"<h2>(.*?)</h2>", (tmp_path / "sweep" / "report" / "report.html").read_text()) == [
-        "Sweep",
-        "Jobs",
-    ]
+    html = (tmp_path / "sweep" / "report" / "report.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", html) == ["Sweep", "Jobs"]
+    assert "0/progress.csv: not readable as a log of numbers" in html
 
 
 @pytest.mark.parametrize(

@@ -177,8 +177,9 @@ def test_a_sweep_that_was_extended_lists_each_job_once_and_differs_in_no_budget(
     write_multirun(tmp_path, ["task=parkour", "rho=0.3,0.5", "total_timesteps=2000"])
     make_run(tmp_path / "a", ["task=parkour", "rho=0.3", "total_timesteps=2000"], steps=1000)
     make_run(tmp_path / "b", ["task=parkour", "rho=0.5", "total_timesteps=1000"], steps=1000)
+    make_run(tmp_path / "c", ["task=parkour", "rho=0.7", "total_timesteps=1000"], steps=1000)
     jobs = read_sweep(tmp_path)
-    assert [job.state for job in jobs] == ["finished", "finished"]
+    assert [(job.setting("rho"), job.state) for job in jobs] == [(rho, "finished") for rho in (0.3, 0.5, 0.7)]
     assert swept_keys(jobs) == ["rho"]
 
 
@@ -198,6 +199,18 @@ def test_jobs_whose_values_have_slashes_are_found_and_a_sweep_within_is_left(tmp
     (tmp_path / "all").symlink_to(tmp_path)
     jobs = read_sweep(tmp_path)
     assert [(job.path.name, job.state) for job in jobs] == [("mine", "finished"), ("parkour", "finished")]
+
+
+@pytest.mark.parametrize("file", ["progress.csv", "config.yaml", ".hydra/overrides.yaml"])
+def test_a_job_with_a_damaged_file_is_listed_with_the_reason(file: str, tmp_path: Path) -> None:
+    folder = make_sweep(tmp_path)
+    (folder / "0" / file).write_text("\x00")
+    jobs = read_sweep(folder)
+    (damaged,) = (job for job in jobs if job.state == "damaged")
+    assert f"0/{file}: not readable" in damaged.problem
+    assert [job.state for job in jobs if job.path.name in ("1", "2")] == ["running", "failed"]
+    missing = 4 if file.endswith("overrides.yaml") else 3  # whose command line it is that is damaged cannot be known
+    assert sum(job.state == "missing" for job in jobs) == missing
 
 
 def test_a_sweep_whose_sweeper_chose_as_it_went_lists_what_is_there(tmp_path: Path) -> None:
