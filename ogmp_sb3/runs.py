@@ -92,16 +92,19 @@ def read_run(path: Path) -> Run:
     return Run(path, overrides, config, log, _state(path, config, log), problem)
 
 
-def read_sweep(path: Path) -> list[Run]:
+def read_sweep(path: Path, asked: bool = False) -> list[Run]:
     """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
 
     A job with a file that cannot be read is one of them, with the reason.
 
+    :param asked: leave out those that another command line asked for, where that is known
     :raises ValueError: if it holds no job
     """
     jobs = [_read_job(folder) for folder in _job_folders(path)]
     wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
     found = {_identity(job.overrides) for job in jobs}
+    if asked and wanted:
+        jobs = [job for job in jobs if _identity(job.overrides) in wanted]
     jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
     if not jobs:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")

@@ -181,6 +181,7 @@ def test_a_sweep_that_was_extended_lists_each_job_once_and_differs_in_no_budget(
     jobs = read_sweep(tmp_path)
     assert [(job.setting("rho"), job.state) for job in jobs] == [(rho, "finished") for rho in (0.3, 0.5, 0.7)]
     assert swept_keys(jobs) == ["rho"]
+    assert [job.setting("rho") for job in read_sweep(tmp_path, asked=True)] == [0.3, 0.5]
 
 
 def test_a_sweep_that_names_no_values_lists_what_is_there(tmp_path: Path) -> None:
