@@ -94,7 +94,7 @@ def curves(sweep: Sweep, out: Path) -> Section | None:
         return None
     caption = (
         f"Return of training episodes, one line for each {sweep.line_key}. Where jobs differ in the seed alone, the "
-        "line is their mean and the band goes from the least to the greatest."
+        "line is the mean of those that have got so far, and the band goes from the least to the greatest."
     )
     picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
     return Section("Training", "", [picture])

@@ -84,18 +84,18 @@ def shown(value: Any) -> str:
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
     """A column of the logs over samples: its mean over the runs, and the least and greatest of them.
 
-    :param runs: one run gives its rows as they are; several are compared where all of them have been, at the rows of
-        the first
+    :param runs: one run gives its rows as they are; several are compared at the rows of the longest, at each those
+        that have got so far
     :return: ``samples``, ``mean``, ``low`` and ``high``, each of shape (n,)
     """
     logs = [run.log for run in runs if column in run.log and len(run.log[column])]
     if not logs:
         return {name: np.array([]) for name in ("samples", "mean", "low", "high")}
-    start, end = max(log[STEP_COLUMN][0] for log in logs), min(log[STEP_COLUMN][-1] for log in logs)
-    samples = logs[0][STEP_COLUMN]
-    samples = samples[(samples >= start) & (samples <= end)]
-    values = np.stack([np.interp(samples, log[STEP_COLUMN], log[column]) for log in logs])
-    return {"samples": samples, "mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+    samples = max((log[STEP_COLUMN] for log in logs), key=lambda steps: float(steps[-1]))
+    curves = [np.interp(samples, log[STEP_COLUMN], log[column], left=np.nan, right=np.nan) for log in logs]
+    values = np.ma.masked_invalid(np.stack(curves))
+    found = {"mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+    return {"samples": samples, **{name: np.ma.filled(curve, np.nan) for name, curve in found.items()}}
 
 
 def _is_number(value: Any) -> bool:

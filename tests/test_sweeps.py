@@ -60,14 +60,15 @@ def test_the_curve_of_one_run_is_its_log() -> None:
         np.testing.assert_array_equal(curve[name], [1.0, 4.0])
 
 
-def test_the_curve_of_several_seeds_goes_as_far_as_all_of_them() -> None:
+def test_the_curve_of_several_seeds_averages_those_that_have_got_so_far() -> None:
     first = job({STEP_COLUMN: [10, 20, 30], "a": [1.0, 2.0, 3.0]})
     second = job({STEP_COLUMN: [10, 25], "a": [3.0, 6.0]})  # 5 at 20
-    curve = mean_curve([first, second, job()], "a")
-    np.testing.assert_array_equal(curve["samples"], [10, 20])
-    np.testing.assert_allclose(curve["mean"], [2.0, 3.5])
-    np.testing.assert_allclose(curve["low"], [1.0, 2.0])
-    np.testing.assert_allclose(curve["high"], [3.0, 5.0])
+    late = job({STEP_COLUMN: [], "a": []})
+    curve = mean_curve([second, first, late, job()], "a")
+    np.testing.assert_array_equal(curve["samples"], [10, 20, 30])
+    np.testing.assert_allclose(curve["mean"], [2.0, 3.5, 3.0])
+    np.testing.assert_allclose(curve["low"], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(curve["high"], [3.0, 5.0, 3.0])
 
 
 def test_without_a_log_there_is_no_curve() -> None:
