@@ -20,7 +20,7 @@ from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.rewards import highest_reward
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject
-from ogmp_sb3.sweeps import Sweep, describe, mean_curve, shown
+from ogmp_sb3.sweeps import Sweep, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
@@ -87,7 +87,7 @@ def curves(sweep: Sweep, out: Path) -> Section | None:
             curve = mean_curve(line.runs, RETURN)
             for samples, mean, low, high in zip(*(curve[k] for k in ("samples", "mean", "low", "high")), strict=True):
                 rows.append({
-                    "panel": panel.title, "line": shown(line.value), "samples": samples, "mean": mean, "low": low,
+                    "panel": panel.title, "line": brief(line.value), "samples": samples, "mean": mean, "low": low,
                     "high": high,
                 })  # fmt: skip
     if not rows:
@@ -111,7 +111,7 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
                     means = [summary["mean"] for summary in summaries]
                     low, high = summaries[0]["ci95"] if len(means) == 1 else (min(means), max(means))
                     rows.append({
-                        "objective": objective, "line": panel.title, "value": shown(line.value),
+                        "objective": objective, "line": panel.title, "value": brief(line.value),
                         "mean": float(np.mean(means)), "low": low, "high": high, "seeds": len(means),
                     })  # fmt: skip
     if not rows:

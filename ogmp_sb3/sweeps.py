@@ -31,7 +31,7 @@ class Panel:
     title: str
     """the values of all other keys; empty if there are none"""
     lines: list[Line]
-    """in the order of their values"""
+    """numbers by size, then words in the order of the command line, then null: no bound is the widest"""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ def sort_out(jobs: list[Run]) -> Sweep:
         lines = groups.setdefault(describe(job, others), {})
         value = job.setting(line_key)
         lines.setdefault(str(value), Line(value, [])).runs.append(job)
-    panels = [Panel(title, sorted(lines.values(), key=_order)) for title, lines in groups.items()]
+    panels = [
+        Panel(title, sorted(lines.values(), key=lambda line: _order(line.value))) for title, lines in groups.items()
+    ]
     return Sweep(jobs, keys, line_key, panels)
 
 
@@ -79,6 +81,14 @@ def shown(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {shown(inner)}" for key, inner in value.items()) + "}"
     return "null" if value is None else str(value)
+
+
+def brief(value: Any) -> str:
+    """A value for a picture: of a mapping, what it changes (``no clock, no height_scan``)."""
+    if not isinstance(value, dict):
+        return shown(value)
+    changes = (f"no {key}" if inner is None else f"{key}: {brief(inner)}" for key, inner in value.items())
+    return ", ".join(changes) or "unchanged"
 
 
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
@@ -102,8 +112,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _order(line: Line) -> tuple[int, float, str]:
-    """Numbers by size, then words, then null: no bound is the widest."""
-    if _is_number(line.value):
-        return 0, float(line.value), ""
-    return (2, 0.0, "") if line.value is None else (1, 0.0, str(line.value))
+def _order(value: Any) -> tuple[int, float]:
+    """Where a value stands among others; words stay in their order."""
+    if _is_number(value):
+        return 0, float(value)
+    return (2, 0.0) if value is None else (1, 0.0)

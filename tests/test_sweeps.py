@@ -10,7 +10,7 @@ import pytest
 
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import Run
-from ogmp_sb3.sweeps import describe, mean_curve, shown, sort_out
+from ogmp_sb3.sweeps import brief, describe, mean_curve, shown, sort_out
 
 
 def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:
@@ -51,6 +51,17 @@ def test_settings_are_shown_as_they_are_typed() -> None:
     assert describe(job(rho=None, observations={"clock": None}), ["rho", "observations"]) == (
         "rho=null, observations={clock: null}"
     )
+
+
+def test_words_stay_in_the_order_of_the_command_line() -> None:
+    values: list[Any] = [{"clock": None, "height_scan": None}, {"clock": None}, {}]
+    (panel,) = sort_out([job(observations=value) for value in values]).panels
+    assert [line.value for line in panel.lines] == values
+
+
+def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
+    assert brief({"clock": None, "height_scan": None}) == "no clock, no height_scan"
+    assert (brief({}), brief({"z": 1.0}), brief(None), brief(0.3)) == ("unchanged", "z: 1.0", "null", "0.3")
 
 
 def test_the_curve_of_one_run_is_its_log() -> None:
