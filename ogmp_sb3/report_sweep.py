@@ -20,7 +20,7 @@ from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.rewards import highest_reward
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject
-from ogmp_sb3.sweeps import Sweep, brief, describe, mean_curve, shown
+from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
@@ -79,7 +79,7 @@ def _values(sweep: Sweep, key: str) -> str:
     return ", ".join(dict.fromkeys(shown(job.setting(key)) for job in sweep.jobs))
 
 
-def curves(sweep: Sweep, out: Path) -> Section | None:
+def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
     """Training curves over the swept keys."""
     rows: Rows = []
     for panel in sweep.panels:
@@ -96,6 +96,9 @@ def curves(sweep: Sweep, out: Path) -> Section | None:
         f"Return of training episodes, one line for each {sweep.line_key}. Where jobs differ in the seed alone, the "
         "line is the mean of those that have got so far, and the band goes from the least to the greatest."
     )
+    standing = _standing(sweep, subjects)
+    if standing is not None:
+        caption += f" {_range(standing)}: a bound beyond it lets the robot stand still."
     picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
     return Section("Training", "", [picture])
 
@@ -118,7 +121,7 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
         return None
     tasks = [subject.task for subject in subjects.values()]
     bounds = {SURROGATE: _common(map(highest_return, tasks)), TRUE: _common(map(highest_objective, tasks))}
-    standing = _common(map(standing_deviation, tasks)) if sweep.line_key == "rho" else None
+    standing = _standing(sweep, subjects)
     meanings = ", ".join(dict.fromkeys(task.objective for task in tasks))
     caption = (
         f"The surrogate objective, as undiscounted return, and the true objective ({meanings}) against "
@@ -126,14 +129,23 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
         "greatest seed. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
     )
     if standing is not None:
-        caption += (
-            f" Grey: v · horizon · control_dt = {standing[0]:.2f} to {standing[1]:.2f} m for the slowest and the "
-            "fastest mode; a bound beyond it lets the robot stand still."
-        )
+        caption += f" Grey: {_range(standing)}; a bound beyond it lets the robot stand still."
     picture = make_picture(
         out, "objectives", caption, rows, lambda path: plot_objectives(rows, sweep.line_key, bounds, standing, path)
     )
     return Section("Objectives", "", [picture])
+
+
+def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
+    """Over rho, from where on a bound lets the robot stand still; None if that is not the same for all jobs."""
+    if sweep.line_key != "rho":
+        return None
+    return _common(standing_deviation(subject.task) for subject in subjects.values())  # type: ignore[no-any-return]
+
+
+def _range(standing: tuple[float, float]) -> str:
+    low, high = standing
+    return f"v · horizon · control_dt = {low:.2f} to {high:.2f} m for the slowest and the fastest mode"
 
 
 def highest_return(task: TaskConfig) -> float | None:
@@ -193,17 +205,21 @@ def motion(sweep: Sweep, subjects: Subjects, seed: int, variants: list[str], out
     """Motion traces of the jobs' policies, a picture for each key that was swept."""
     parts: list[Table | Picture | Video] = []
     for key in variants:
-        if key not in sweep.keys:
+        found = alike([job for job in sweep.jobs if job.path in subjects], sweep.keys, key)
+        if key not in sweep.keys or not found:
             continue
-        firsts: dict[str, Run] = {}
-        for job in sweep.jobs:
-            if job.path in subjects:
-                firsts.setdefault(shown(job.setting(key)), job)
-        traces = [
-            trace
-            for job in list(firsts.values())[:MOST_TRACES]
-            for trace in subjects[job.path].traces(1, seed, _label(job, sweep))
-        ]
-        caption = f"The policies of the first job with each {key}, on the episode of seed {seed}."
+        chosen = [found[i] for i in spread(len(found))]
+        traces = [trace for job in chosen for trace in subjects[job.path].traces(1, seed, _label(job, sweep))]
+        others = describe(chosen[0], [other for other in sweep.keys if other != key])
+        caption = f"Policies that differ in {key} alone, on the episode of seed {seed}."
+        if others:
+            caption += f" All have {others}."
+        if len(chosen) < len(found):
+            caption += f" Shown are {len(chosen)} of {len(found)} values."
         parts.append(traces_picture(out, f"traces_{key}", caption, traces))
     return Section("Motion", "", parts) if parts else None
+
+
+def spread(count: int) -> list[int]:
+    """Which of some traces to draw: all, or as many as fit, the first and the last among them."""
+    return [round(i) for i in np.linspace(0, count - 1, min(count, MOST_TRACES))]

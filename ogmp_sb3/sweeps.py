@@ -91,6 +91,19 @@ def brief(value: Any) -> str:
     return ", ".join(changes) or "unchanged"
 
 
+def alike(jobs: list[Run], keys: list[str], key: str) -> list[Run]:
+    """One job for each value of a key, all with the same other values: those that most values of the key have.
+
+    :param keys: the keys that the jobs differ in
+    """
+    others = [other for other in keys if other != key]
+    groups: dict[str, dict[str, Run]] = {}
+    for job in jobs:
+        groups.setdefault(describe(job, others), {}).setdefault(shown(job.setting(key)), job)
+    largest = max(groups.values(), key=len, default={})
+    return sorted(largest.values(), key=lambda job: _order(job.setting(key)))
+
+
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
     """A column of the logs over samples: its mean over the runs, and the least and greatest of them.
 

@@ -19,7 +19,7 @@ from test_train import SMALL, program
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.grid import default_grids
-from ogmp_sb3.report_sweep import highest_return
+from ogmp_sb3.report_sweep import highest_return, spread
 from ogmp_sb3.subject import Subject
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
@@ -166,6 +166,7 @@ def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: P
 def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) -> None:
     html = (sweep_page / "report.html").read_text(encoding="utf-8")
     assert "2 finished, 2 missing" in html
+    assert html.count("v · horizon · control_dt = 0.54 to 1.62 m") == 2  # under the curves and the objectives
     for value in ("0.3", "0.5", "0.8", "null"):
         assert f'<th scope="row">rho={value}</th>' in html
     assert {row["line"] for row in rows(sweep_page / "training.csv")} == {"0.3", "0.5"}
@@ -183,6 +184,11 @@ def test_objectives_have_their_intervals(sweep_page: Path) -> None:
     for row, metric in zip(found, ["return", "return", "true_objective", "true_objective"], strict=True):
         expected = metrics[f"rho={row['value']}", metric]
         assert [row[key] for key in ("mean", "low", "high")] == [expected[key] for key in ("mean", "low", "high")]
+
+
+def test_of_many_traces_some_are_drawn_with_the_first_and_the_last() -> None:
+    assert spread(10) == [0, 2, 4, 5, 7, 9]
+    assert spread(3) == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
@@ -208,14 +214,16 @@ def test_a_job_that_cannot_be_loaded_is_listed_with_the_reason(sweep: Path, tmp_
 
 
 def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None:
-    (tmp_path / "sweep" / "0" / ".hydra").mkdir(parents=True)
-    (tmp_path / "sweep" / "0" / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["task=parkour"]))
-    (tmp_path / "sweep" / "0" / "progress.csv").write_text("damaged")
+    for name, rho in (("0", -1), ("1", 0.5)):
+        (tmp_path / "sweep" / name / ".hydra").mkdir(parents=True)
+        overrides = yaml.safe_dump(["task=parkour", f"rho={rho}"])
+        (tmp_path / "sweep" / name / ".hydra" / "overrides.yaml").write_text(overrides)
+    (tmp_path / "sweep" / "1" / "progress.csv").write_text("damaged")
     done = program("report", f"sweep={tmp_path / 'sweep'}", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     html = (tmp_path / "sweep" / "report" / "report.html").read_text()
     assert re.findall(r"<h2>(.*?)</h2>", html) == ["Sweep", "Jobs"]
-    assert "0/progress.csv: not readable as a log of numbers" in html
+    assert "1/progress.csv: not readable as a log of numbers" in html
 
 
 @pytest.mark.parametrize(

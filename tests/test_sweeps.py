@@ -10,7 +10,7 @@ import pytest
 
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import Run
-from ogmp_sb3.sweeps import brief, describe, mean_curve, shown, sort_out
+from ogmp_sb3.sweeps import alike, brief, describe, mean_curve, shown, sort_out
 
 
 def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:
@@ -62,6 +62,17 @@ def test_words_stay_in_the_order_of_the_command_line() -> None:
 def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
     assert brief({"clock": None, "height_scan": None}) == "no clock, no height_scan"
     assert (brief({}), brief({"z": 1.0}), brief(None), brief(0.3)) == ("unchanged", "z: 1.0", "null", "0.3")
+
+
+def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
+    pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
+    jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
+    found = alike(jobs, ["oracle", "rho", "seed"], "rho")
+    assert [(j.setting("oracle"), j.setting("rho"), j.setting("seed")) for j in found] == [
+        ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
+    ]  # fmt: skip
+    assert [j.setting("oracle") for j in alike(jobs, ["oracle", "rho", "seed"], "oracle")] == ["lqr", "preview"]
+    assert alike([], ["rho"], "rho") == []
 
 
 def test_the_curve_of_one_run_is_its_log() -> None:
