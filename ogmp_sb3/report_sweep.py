@@ -15,6 +15,7 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import highest_objective
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
+from ogmp_sb3.plotting import plot_terminations
 from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.rewards import highest_reward
@@ -187,14 +188,24 @@ def evaluation(
     """The metrics of every job that has a policy."""
     if not found:
         return None
-    measured = [(_label(job, sweep), found[job.path]["metrics"]) for job in sweep.jobs if job.path in found]
-    write_csv(out / "metrics.csv", metrics_rows(measured))
-    names = list(dict.fromkeys(name for _, metrics in measured for name in metrics))
+    measured = [(_label(job, sweep), found[job.path]) for job in sweep.jobs if job.path in found]
+    groups = []
+    for label, result in measured:
+        groups += [(label, result["metrics"]), *((f"{label}, {name}", m) for name, m in result["groups"].items())]
+    write_csv(out / "metrics.csv", metrics_rows(groups))
+    names = list(dict.fromkeys(name for _, result in measured for name in result["metrics"]))
     rows = [
-        [label, *(interval(metrics[name]) if name in metrics else "" for name in names)] for label, metrics in measured
+        [label, *(interval(result["metrics"][name]) if name in result["metrics"] else "" for name in names)]
+        for label, result in measured
     ]
+    causes = [(label, result["terminations"]) for label, result in measured]
+    picture = make_picture(
+        out, "terminations", "What ended the episodes.",
+        [{"job": job, "cause": cause, "episodes": n} for job, counts in causes for cause, n in counts.items()],
+        lambda path: plot_terminations(causes, path),
+    )  # fmt: skip
     text = protocol(next(iter(subjects.values())).task, episodes, seed)
-    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"])])
+    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"]), picture])
 
 
 def _label(job: Run, sweep: Sweep) -> str:

@@ -186,6 +186,12 @@ def test_objectives_have_their_intervals(sweep_page: Path) -> None:
         assert [row[key] for key in ("mean", "low", "high")] == [expected[key] for key in ("mean", "low", "high")]
 
 
+def test_every_job_has_a_bar_of_what_ended_its_episodes(sweep_page: Path) -> None:
+    ended = rows(sweep_page / "terminations.csv")
+    for job in ("rho=0.3", "rho=0.5"):
+        assert sum(int(row["episodes"]) for row in ended if row["job"] == job) == 3
+
+
 def test_of_many_traces_some_are_drawn_with_the_first_and_the_last() -> None:
     assert spread(10) == [0, 2, 4, 5, 7, 9]
     assert spread(3) == [0, 1, 2]
@@ -235,6 +241,7 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
         (["sweep=nowhere"], "'nowhere': no such directory"),
         (["run={sweep}"], "is a multirun: give it as sweep="),
         (["sweep={sweep}/0"], "is one run, not a multirun: give it as run="),
+        (["sweep={sweep}", "grids=false"], "'grids' is of a run: a report on a sweep does not use it"),
         (["run={sweep}/0", "variants=oracel"], "unknown variant 'oracel'"),
         (["run={sweep}/0", "episodes=0"], "'episodes' must be at least 1"),
         (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
