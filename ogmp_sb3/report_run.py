@@ -202,7 +202,7 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
 
 def _trained(cell: list[float], span: list[float]) -> bool:
     """Whether the middle of a cell lies in the training range, or the whole range in the cell."""
-    return span[0] <= np.mean(cell) <= span[1] or cell[0] <= span[0] <= span[1] <= cell[1]
+    return bool(span[0] <= np.mean(cell) <= span[1]) or cell[0] <= span[0] <= span[1] <= cell[1]
 
 
 def _mean(values: list[float]) -> str:
