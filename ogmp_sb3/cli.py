@@ -105,14 +105,19 @@ def console() -> Console:
 
 def fail(program: str, error: BaseException) -> NoReturn:
     """End a program with one line about a mistake, and exit code 2."""
+    print(f"{program}: {one_line(program, error)}", file=sys.stderr)
+    raise SystemExit(2) from None
+
+
+def one_line(program: str, error: BaseException) -> str:
+    """What a mistake is, without the name of the program."""
     if isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}." if error.filename else f"{error.strerror}."
     elif isinstance(error, MemoryError):
         text = f"not enough memory. {error}"
     else:
         text = str(error.args[0] if error.args else error)
-    print(f"{program}: {' '.join(text.removeprefix(f'{program}: ').split())}", file=sys.stderr)
-    raise SystemExit(2) from None
+    return " ".join(text.removeprefix(f"{program}: ").split())
 
 
 def task_keys(task: type[Any]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from rich.table import Table
 
 from ogmp_sb3 import cli
@@ -20,7 +21,7 @@ from ogmp_sb3.evaluate import measure
 from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.results import Results
-from ogmp_sb3.runs import Run, read_sweep
+from ogmp_sb3.runs import Run, read_run, read_sweep
 from ogmp_sb3.schema import Where, read, read_value, read_yaml
 
 SEARCHES = PACKAGE / "conf" / "search"
@@ -66,27 +67,37 @@ def search(name: str, arguments: list[str], multirun: Callable[[list[str]], obje
     folder = Path(given.get("hydra.sweep.dir", f"runs/search/{name}"))
     mine = (config.key, "total_timesteps", "hydra.sweep.dir")
     rest = [argument for argument in arguments if argument.partition("=")[0] not in mine]
-    everything, spent, before = len(values) * total, 0, 0
+    first: list[Run] = []
     for left in reversed(range(config.rounds)):
         budget = total // 2**left
-        spent += len(values) * (budget - before)
-        before = budget
         varied = f"{config.key}={','.join(values)}"
         multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
-        ranked = _ranked(folder, config, values, budget)
+        jobs = read_sweep(folder, asked=True)
+        first = first or jobs
+        ranked = _ranked(folder, config, values, jobs, budget)
         values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
         _show(ranked, len(values), f"after {budget:,} samples, {config.episodes} test episodes each")
-    print(f"Best: {config.key}={values[0]}. {spent:,} samples; the full grid takes {everything:,}.")
+    spent = sum(read_run(job.path).samples for job in first)
+    print(f"Best: {config.key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
 
 
-def _ranked(folder: Path, config: SearchConfig, values: list[str], samples: int) -> list[tuple[list[float], str]]:
-    """Scores and values, the best first; a score that is known already is not computed again."""
+def _ranked(
+    folder: Path, config: SearchConfig, values: list[str], jobs: list[Run], samples: int
+) -> list[tuple[list[float], str]]:
+    """Scores and values, the best first; a score that is known already is not computed again.
+
+    The score of a value is the mean of its jobs, which differ in the seed or another key of the command line.
+    """
     known = Results(folder / SCORES)
-    jobs = {_word(job.setting(config.key)): job for job in read_sweep(folder)}
     ranked = []
     for value in values:
-        settings = {config.key: value, "samples": samples, "episodes": config.episodes}
-        ranked.append((known.remember(settings, lambda job=jobs[value]: _score(job, config.episodes)), value))  # type: ignore[misc]
+        scores = []
+        for job in jobs:
+            if _word(job.setting(config.key)) == value:
+                name = job.path.relative_to(folder).as_posix()
+                settings = {"job": name, "samples": samples, "episodes": config.episodes}
+                scores.append(known.remember(settings, lambda job=job: _score(job, config.episodes)))  # type: ignore[misc]
+        ranked.append((np.mean(scores, axis=0).tolist(), value))
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
 
 

@@ -6,6 +6,7 @@ A path that ends in ``.png`` gets a picture of that kind; one without an ending 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -219,21 +220,28 @@ def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None
     save(figure, path, dpi=100)
 
 
-def plot_terminations(causes: dict[str, int], path: Path) -> None:
-    """What ended the episodes of an evaluation, as one bar.
+def plot_terminations(bars: list[tuple[str, dict[str, int]]], path: Path) -> None:
+    """What ended the episodes of evaluations, a bar for each.
 
-    :param causes: cause -> number of episodes
+    :param bars: name of the evaluation; cause -> number of episodes
     :param path: picture to write
     """
-    total = sum(causes.values())
-    figure, axes = plt.subplots(figsize=(10, 1.3), layout="constrained")
-    left, colours = 0, colours_of(causes, CAUSE_COLOURS)
-    for cause, count in sorted(causes.items(), key=lambda entry: -entry[1]):
-        axes.barh(0, count, left=left, height=0.6, color=colours[cause], label=f"{cause} {count / total:.0%} ({count})")
-        left += count
-    axes.set(yticks=[], xlim=(0, total), ylim=(-0.4, 0.4), xlabel="episodes")
+    totals = Counter[str]()
+    for _, causes in bars:
+        totals.update(causes)
+    colours = colours_of(totals, CAUSE_COLOURS)
+    places, left = np.arange(len(bars))[::-1], np.zeros(len(bars))
+    figure, axes = plt.subplots(figsize=(10, 0.9 + 0.4 * len(bars)), layout="constrained")
+    for cause, total in totals.most_common():
+        shares = np.array([causes.get(cause, 0) / sum(causes.values()) for _, causes in bars])
+        label = f"{cause} {total / totals.total():.0%} ({total})"
+        axes.barh(places, shares, left=left, height=0.6, color=colours[cause], label=label)
+        left += shares
+    axes.set(xlim=(0, 1), ylim=(-0.4, len(bars) - 0.6), xlabel="share of the episodes")
+    axes.set_yticks(places, [name for name, _ in bars])
+    axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
-    axes.legend(ncols=len(causes), loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    axes.legend(ncols=len(totals), loc="lower center", bbox_to_anchor=(0.5, 1.0))
     save(figure, path)
 
 

@@ -112,7 +112,7 @@ def plot_objectives(
     :param path: picture to write
     """
     values = list(dict.fromkeys(row["value"] for row in rows))
-    places, labels = _places(values, standing[1] if standing else -np.inf)
+    places = _places(values)
     lines = list(dict.fromkeys(row["line"] for row in rows))
     colours = dict(zip(lines, plt.get_cmap("tab10").colors * (1 + len(lines) // 10), strict=False))  # type: ignore[attr-defined]
     figure, panels = plt.subplots(1, len(bounds), figsize=(5.2 * len(bounds), 3.8), layout="constrained")
@@ -127,11 +127,14 @@ def plot_objectives(
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")
         if standing is not None:
-            axes.axvspan(*standing, color="0.93", linewidth=0, zorder=0)
-            axes.axvline(standing[0], color="0.5", linestyle=":", label="v · horizon · control_dt")
-            axes.axvline(standing[1], color="0.5", linestyle=":")
-        axes.set(xlabel=key, ylabel=objective, xticks=list(places.values()))
-        axes.set_xticklabels(labels, rotation=0 if max(map(len, labels)) < 8 else 30, ha="center")
+            low, high = _between(places, standing)
+            axes.axvspan(low, high, color="0.93", linewidth=0, zorder=0)
+            axes.axvline(low, color="0.5", linestyle=":", label="v · horizon · control_dt")
+            axes.axvline(high, color="0.5", linestyle=":")
+        axes.set(xlabel=key, ylabel=objective)
+        axes.set_xticks(list(places.values()), ["off" if value == NO_VALUE else value for value in places])
+        if max(map(len, places)) >= 8:
+            plt.setp(axes.get_xticklabels(), rotation=30, ha="right", rotation_mode="anchor")
         axes.grid(alpha=0.3)
     handles = legend_entries(list(np.atleast_1d(panels)))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=max(min(len(handles), 5), 1))
@@ -145,20 +148,22 @@ def line_colours(lines: list[str]) -> dict[str, Any]:
     return {**dict(zip(values, colours, strict=True)), **({NO_VALUE: "black"} if NO_VALUE in lines else {})}
 
 
-def _places(values: list[str], behind: float) -> tuple[dict[str, float], list[str]]:
-    """Where values stand on an axis: numbers at their size, no value behind them and ``behind``, words side by side."""
-    numbers = {}
-    for value in values:
-        try:
-            numbers[value] = float(value)
-        except ValueError:
-            continue
-    if len(numbers) + (NO_VALUE in values) < len(values) or not numbers:
-        return {value: float(i) for i, value in enumerate(values)}, values
-    if NO_VALUE in values:
-        last = max(*numbers.values(), behind)
-        numbers[NO_VALUE] = last + 0.2 * (last - min(numbers.values()) or 1.0)
-    return numbers, ["off" if value == NO_VALUE else value for value in numbers]
+def _places(values: list[str]) -> dict[str, int]:
+    """Where values stand on an axis, side by side: numbers by size, then words as they come, then no value."""
+    return {value: i for i, value in enumerate(sorted(values, key=lambda v: (v == NO_VALUE, _number(v))))}
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.inf
+
+
+def _between(places: dict[str, int], numbers: tuple[float, float]) -> np.ndarray:
+    """Where positive numbers lie among those of an axis; beyond the last half a place from it."""
+    known = {0.0: -0.5} | {_number(value): float(place) for value, place in places.items() if value != NO_VALUE}
+    return np.interp(numbers, list(known), list(known.values()), right=len(known) - 1.5)
 
 
 def _frame(axes: Axes, label: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +21,7 @@ from ogmp_sb3.sweeps import shown, sort_out
 PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20
 PAGE = "report.html"
+RUN_ONLY = ("grids", "grid_cells", "cell_episodes", "traces", "trust", "task")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +37,8 @@ class ReportConfig:
     )
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     grids: bool = cli.option("run: heat maps over mode parameters, which take minutes", True)
-    grid_cells: int = cli.option("cells along each axis of a heat map", CELLS)
-    cell_episodes: int = cli.option("episodes of each cell of a heat map", 10)
+    grid_cells: int = cli.option("run: cells along each axis of a heat map", CELLS)
+    cell_episodes: int = cli.option("run: episodes of each cell of a heat map", 10)
     traces: int = cli.option("run: episodes to draw as motion traces", 3)
     variants: str | None = cli.option(
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
@@ -49,6 +50,9 @@ class ReportConfig:
     def __post_init__(self) -> None:
         if (self.run is None) == (self.sweep is None):
             raise ValueError("give either 'run' or 'sweep'.")
+        for field in fields(self):
+            if self.sweep is not None and field.name in RUN_ONLY and getattr(self, field.name) != field.default:
+                raise ValueError(f"'{field.name}' is of a run: a report on a sweep does not use it.")
         least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1}
         for name, low in least.items():
             value = getattr(self, name)
@@ -117,7 +121,7 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
     found = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
     sections = [
         report_sweep.overview(sweep, subjects, folder),
-        report_sweep.curves(sweep, out),
+        report_sweep.curves(sweep, subjects, out),
         report_sweep.objectives(sweep, subjects, found, out),
         report_sweep.jobs(sweep, subjects, notes),
         report_sweep.evaluation(sweep, subjects, found, episodes, config.seed, out),

@@ -102,7 +102,7 @@ def evaluation(subject: Subject, episodes: int, seed: int, out: Path) -> Section
         make_picture(
             out, "terminations", "What ended the episodes.",
             [{"cause": cause, "episodes": count} for cause, count in causes.items()],
-            lambda path: plot_terminations(causes, path),
+            lambda path: plot_terminations([("", causes)], path),
         )
     )  # fmt: skip
     if found["groups"]:

@@ -15,12 +15,13 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import highest_objective
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
+from ogmp_sb3.plotting import plot_terminations
 from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.rewards import highest_reward
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject
-from ogmp_sb3.sweeps import Sweep, describe, mean_curve, shown
+from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
@@ -33,7 +34,7 @@ Evaluations = dict[Path, dict[str, Any]]
 
 def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
     """The policies of the jobs, by directory, and why there is none where there is none."""
-    subjects, notes = {}, {}
+    subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
             continue
@@ -79,7 +80,7 @@ def _values(sweep: Sweep, key: str) -> str:
     return ", ".join(dict.fromkeys(shown(job.setting(key)) for job in sweep.jobs))
 
 
-def curves(sweep: Sweep, out: Path) -> Section | None:
+def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
     """Training curves over the swept keys."""
     rows: Rows = []
     for panel in sweep.panels:
@@ -87,15 +88,18 @@ def curves(sweep: Sweep, out: Path) -> Section | None:
             curve = mean_curve(line.runs, RETURN)
             for samples, mean, low, high in zip(*(curve[k] for k in ("samples", "mean", "low", "high")), strict=True):
                 rows.append({
-                    "panel": panel.title, "line": shown(line.value), "samples": samples, "mean": mean, "low": low,
+                    "panel": panel.title, "line": brief(line.value), "samples": samples, "mean": mean, "low": low,
                     "high": high,
                 })  # fmt: skip
     if not rows:
         return None
     caption = (
         f"Return of training episodes, one line for each {sweep.line_key}. Where jobs differ in the seed alone, the "
-        "line is their mean and the band goes from the least to the greatest."
+        "line is the mean of those that have got so far, and the band goes from the least to the greatest."
     )
+    standing = _standing(sweep, subjects)
+    if standing is not None:
+        caption += f" {_range(standing)}: a bound beyond it lets the robot stand still."
     picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
     return Section("Training", "", [picture])
 
@@ -111,14 +115,14 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
                     means = [summary["mean"] for summary in summaries]
                     low, high = summaries[0]["ci95"] if len(means) == 1 else (min(means), max(means))
                     rows.append({
-                        "objective": objective, "line": panel.title, "value": shown(line.value),
+                        "objective": objective, "line": panel.title, "value": brief(line.value),
                         "mean": float(np.mean(means)), "low": low, "high": high, "seeds": len(means),
                     })  # fmt: skip
     if not rows:
         return None
     tasks = [subject.task for subject in subjects.values()]
     bounds = {SURROGATE: _common(map(highest_return, tasks)), TRUE: _common(map(highest_objective, tasks))}
-    standing = _common(map(standing_deviation, tasks)) if sweep.line_key == "rho" else None
+    standing = _standing(sweep, subjects)
     meanings = ", ".join(dict.fromkeys(task.objective for task in tasks))
     caption = (
         f"The surrogate objective, as undiscounted return, and the true objective ({meanings}) against "
@@ -126,14 +130,23 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
         "greatest seed. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
     )
     if standing is not None:
-        caption += (
-            f" Grey: v · horizon · control_dt = {standing[0]:.2f} to {standing[1]:.2f} m for the slowest and the "
-            "fastest mode; a bound beyond it lets the robot stand still."
-        )
+        caption += f" Grey: {_range(standing)}; a bound beyond it lets the robot stand still."
     picture = make_picture(
         out, "objectives", caption, rows, lambda path: plot_objectives(rows, sweep.line_key, bounds, standing, path)
     )
     return Section("Objectives", "", [picture])
+
+
+def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
+    """Over rho, from where on a bound lets the robot stand still; None if that is not the same for all jobs."""
+    if sweep.line_key != "rho":
+        return None
+    return _common(standing_deviation(subject.task) for subject in subjects.values())  # type: ignore[no-any-return]
+
+
+def _range(standing: tuple[float, float]) -> str:
+    low, high = standing
+    return f"v · horizon · control_dt = {low:.2f} to {high:.2f} m for the slowest and the fastest mode"
 
 
 def highest_return(task: TaskConfig) -> float | None:
@@ -164,7 +177,7 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
     text = (
         "The training return is the mean of the last rows of progress.csv. A job that is stopped goes on with "
         "ogmp-train resume=<its directory>; one that failed left no checkpoint; a missing one was asked for but is "
-        "not there."
+        "not there; a damaged one has a file that cannot be read."
     )
     return Section("Jobs", text, [Table(rows, columns)])
 
@@ -175,14 +188,24 @@ def evaluation(
     """The metrics of every job that has a policy."""
     if not found:
         return None
-    measured = [(_label(job, sweep), found[job.path]["metrics"]) for job in sweep.jobs if job.path in found]
-    write_csv(out / "metrics.csv", metrics_rows(measured))
-    names = list(dict.fromkeys(name for _, metrics in measured for name in metrics))
+    measured = [(_label(job, sweep), found[job.path]) for job in sweep.jobs if job.path in found]
+    groups = []
+    for label, result in measured:
+        groups += [(label, result["metrics"]), *((f"{label}, {name}", m) for name, m in result["groups"].items())]
+    write_csv(out / "metrics.csv", metrics_rows(groups))
+    names = list(dict.fromkeys(name for _, result in measured for name in result["metrics"]))
     rows = [
-        [label, *(interval(metrics[name]) if name in metrics else "" for name in names)] for label, metrics in measured
+        [label, *(interval(result["metrics"][name]) if name in result["metrics"] else "" for name in names)]
+        for label, result in measured
     ]
+    causes = [(label, result["terminations"]) for label, result in measured]
+    picture = make_picture(
+        out, "terminations", "What ended the episodes.",
+        [{"job": job, "cause": cause, "episodes": n} for job, counts in causes for cause, n in counts.items()],
+        lambda path: plot_terminations(causes, path),
+    )  # fmt: skip
     text = protocol(next(iter(subjects.values())).task, episodes, seed)
-    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"])])
+    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"]), picture])
 
 
 def _label(job: Run, sweep: Sweep) -> str:
@@ -193,17 +216,21 @@ def motion(sweep: Sweep, subjects: Subjects, seed: int, variants: list[str], out
     """Motion traces of the jobs' policies, a picture for each key that was swept."""
     parts: list[Table | Picture | Video] = []
     for key in variants:
-        if key not in sweep.keys:
+        found = alike([job for job in sweep.jobs if job.path in subjects], sweep.keys, key)
+        if key not in sweep.keys or not found:
             continue
-        firsts: dict[str, Run] = {}
-        for job in sweep.jobs:
-            if job.path in subjects:
-                firsts.setdefault(shown(job.setting(key)), job)
-        traces = [
-            trace
-            for job in list(firsts.values())[:MOST_TRACES]
-            for trace in subjects[job.path].traces(1, seed, _label(job, sweep))
-        ]
-        caption = f"The policies of the first job with each {key}, on the episode of seed {seed}."
+        chosen = [found[i] for i in spread(len(found))]
+        traces = [trace for job in chosen for trace in subjects[job.path].traces(1, seed, _label(job, sweep))]
+        others = describe(chosen[0], [other for other in sweep.keys if other != key])
+        caption = f"Policies that differ in {key} alone, on the episode of seed {seed}."
+        if others:
+            caption += f" All have {others}."
+        if len(chosen) < len(found):
+            caption += f" Shown are {len(chosen)} of {len(found)} values."
         parts.append(traces_picture(out, f"traces_{key}", caption, traces))
     return Section("Motion", "", parts) if parts else None
+
+
+def spread(count: int) -> list[int]:
+    """Which of some traces to draw: all, or as many as fit, the first and the last among them."""
+    return [round(i) for i in np.linspace(0, count - 1, min(count, MOST_TRACES))]

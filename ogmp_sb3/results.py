@@ -17,7 +17,7 @@ class Results:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._known: dict[str, Any] = {}
-        for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
+        for line in path.read_text("utf-8", "replace").splitlines() if path.is_file() else []:
             try:
                 entry = json.loads(line)
                 self._known[_key(entry["settings"])] = entry["result"]

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import itertools
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
 from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
+from ogmp_sb3.training import RESUMABLE
 
-FINISHED, RUNNING, STOPPED, FAILED, MISSING = "finished", "running", "stopped", "failed", "missing"
+FINISHED, RUNNING, STOPPED, FAILED = "finished", "running", "stopped", "failed"
+MISSING, DAMAGED = "missing", "damaged"
 QUIET = 600.0  # s: a run that has written nothing for so long is not running
 LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
 LOG, OVERRIDES, MULTIRUN = "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
@@ -38,7 +43,9 @@ class Run:
     """``progress.csv`` by column, each of shape (rows,); nan where a cell is empty"""
     state: str
     """finished: all samples; running: wrote something lately; stopped: has a checkpoint to go on from;
-    failed: has none; missing: was never started, or has gone"""
+    failed: has none; missing: was never started, or has gone; damaged: has a file that cannot be read"""
+    problem: str = ""
+    """a sentence on why it is damaged, or failed"""
 
     @property
     def samples(self) -> int:
@@ -75,37 +82,66 @@ def read_run(path: Path) -> Run:
 
     :raises ValueError: if a file in it cannot be read
     """
-    overrides = _read_overrides(path / OVERRIDES) if (path / OVERRIDES).is_file() else ()
+    overrides = _read_overrides(path / OVERRIDES)
     config = read_yaml(path / CONFIG) if (path / CONFIG).is_file() else {}
     for key in ("task", "train"):
         if key in config:
             entry(config, key, dict[str, Any], Where(str(path / CONFIG)))
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
-    return Run(path, overrides, config, log, _state(path, config, log))
+    problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
+    return Run(path, overrides, config, log, _state(path, config, log), problem)
 
 
-def read_sweep(path: Path) -> list[Run]:
+def read_sweep(path: Path, asked: bool = False) -> list[Run]:
     """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
 
+    A job with a file that cannot be read is one of them, with the reason.
+
+    :param asked: leave out those that another command line asked for, where that is known
     :raises ValueError: if it holds no job
     """
-    folders = [p for p in sorted(path.iterdir()) if (p / CONFIG).is_file() or (p / OVERRIDES).is_file()]
-    jobs = [read_run(folder) for folder in folders]
-    wanted = _wanted(path / MULTIRUN) if (path / MULTIRUN).is_file() else []
-    found = {frozenset(job.overrides) for job in jobs}
-    for overrides in wanted:
-        if frozenset(overrides) not in found:
-            jobs.append(Run(path / "-", overrides, {}, {}, MISSING))
+    jobs = [_read_job(folder) for folder in _job_folders(path)]
+    wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
+    found = {_identity(job.overrides) for job in jobs}
+    if asked and wanted:
+        jobs = [job for job in jobs if _identity(job.overrides) in wanted]
+    jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
     if not jobs:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
-    order = {frozenset(overrides): i for i, overrides in enumerate(wanted)}
-    return sorted(jobs, key=lambda job: order.get(frozenset(job.overrides), len(order)))
+    order = {job: i for i, job in enumerate(wanted)}
+    return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
+
+
+def _read_job(path: Path) -> Run:
+    """A run directory, without what is in it if a file of it cannot be read."""
+    try:
+        return read_run(path)
+    except ValueError as error:
+        try:
+            overrides = _read_overrides(path / OVERRIDES)
+        except ValueError:
+            overrides = ()
+        return Run(path, overrides, {}, {}, DAMAGED, str(error))
+
+
+def _job_folders(path: Path) -> Iterator[Path]:
+    """Directories of jobs, at any depth: a value with a slash makes one within another. Multiruns within are left."""
+    for folder in sorted(p for p in path.iterdir() if p.is_dir() and not (p / MULTIRUN).is_file()):
+        if (folder / CONFIG).is_file() or (folder / OVERRIDES).is_file():
+            yield folder
+        elif not (folder.is_symlink() or folder.name.startswith(".")):
+            yield from _job_folders(folder)
+
+
+def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
+    """What tells a job from the others: its command line without what may change when it goes on."""
+    return frozenset(override for override in overrides if _plain(override.partition("=")[0]) not in RESUMABLE)
 
 
 def swept_keys(jobs: list[Run]) -> list[str]:
-    """The keys of the command line in which jobs differ."""
-    names = [_plain(override.partition("=")[0]) for job in jobs for override in job.overrides]
-    return [key for key in dict.fromkeys(names) if len({str(job.setting(key)) for job in jobs}) > 1]
+    """The keys of the command line in which jobs differ, but for what may change when they go on."""
+    names = dict.fromkeys(_plain(override.partition("=")[0]) for job in jobs for override in job.overrides)
+    return [key for key in names if key not in RESUMABLE and len({str(job.setting(key)) for job in jobs}) > 1]
 
 
 def read_log(path: Path) -> dict[str, np.ndarray]:
@@ -118,7 +154,9 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
 
 
 def _read_overrides(path: Path) -> tuple[str, ...]:
-    """What Hydra has kept of a command line."""
+    """What Hydra has kept of a command line; nothing if it kept none."""
+    if not path.is_file():
+        return ()
     try:
         data = OmegaConf.to_container(OmegaConf.load(path))  # unresolved: only text
         return read(tuple[str, ...], data, Where(str(path)))
@@ -145,15 +183,16 @@ def _state(path: Path, config: dict[str, Any], log: dict[str, np.ndarray]) -> st
 def _wanted(path: Path) -> list[tuple[str, ...]]:
     """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
     hydra = read_yaml(path).get("hydra", {})
-    if not str(hydra.get("sweeper", {}).get("_target_", "")).endswith("BasicSweeper"):
+    sweeper = hydra.get("sweeper", {})
+    if not str(sweeper.get("_target_", "")).endswith(BasicSweeper.__name__):
         return []
-    given = OverridesParser.create().parse_overrides(hydra.get("overrides", {}).get("task", []))
-    choices = [
-        [f"{o.get_key_element()}={value}" for value in o.sweep_string_iterator()] if o.is_sweep_override() else [text]
-        for o in given
-        if (text := o.input_line) is not None
-    ]
-    return list(itertools.product(*choices))
+    params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
+    given = [*params, *hydra.get("overrides", {}).get("task", [])]
+    try:
+        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(given), None)
+    except HydraException:  # glob(*), for one, needs the configuration that was searched
+        return []
+    return [tuple(job) for job in jobs]
 
 
 def _plain(key: str) -> str:

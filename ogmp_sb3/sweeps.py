@@ -31,7 +31,7 @@ class Panel:
     title: str
     """the values of all other keys; empty if there are none"""
     lines: list[Line]
-    """in the order of their values"""
+    """numbers by size, then words in the order of the command line, then null: no bound is the widest"""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ def sort_out(jobs: list[Run]) -> Sweep:
         lines = groups.setdefault(describe(job, others), {})
         value = job.setting(line_key)
         lines.setdefault(str(value), Line(value, [])).runs.append(job)
-    panels = [Panel(title, sorted(lines.values(), key=_order)) for title, lines in groups.items()]
+    panels = [
+        Panel(title, sorted(lines.values(), key=lambda line: _order(line.value))) for title, lines in groups.items()
+    ]
     return Sweep(jobs, keys, line_key, panels)
 
 
@@ -81,29 +83,50 @@ def shown(value: Any) -> str:
     return "null" if value is None else str(value)
 
 
+def brief(value: Any) -> str:
+    """A value for a picture: of a mapping, what it changes (``no clock, no height_scan``)."""
+    if not isinstance(value, dict):
+        return shown(value)
+    changes = (f"no {key}" if inner is None else f"{key}: {brief(inner)}" for key, inner in value.items())
+    return ", ".join(changes) or "unchanged"
+
+
+def alike(jobs: list[Run], keys: list[str], key: str) -> list[Run]:
+    """One job for each value of a key, all with the same other values: those that most values of the key have.
+
+    :param keys: the keys that the jobs differ in
+    """
+    others = [other for other in keys if other != key]
+    groups: dict[str, dict[str, Run]] = {}
+    for job in jobs:
+        groups.setdefault(describe(job, others), {}).setdefault(shown(job.setting(key)), job)
+    largest = max(groups.values(), key=len, default={})
+    return sorted(largest.values(), key=lambda job: _order(job.setting(key)))
+
+
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
     """A column of the logs over samples: its mean over the runs, and the least and greatest of them.
 
-    :param runs: one run gives its rows as they are; several are compared where all of them have been, at the rows of
-        the first
+    :param runs: one run gives its rows as they are; several are compared at the rows of the longest, at each those
+        that have got so far
     :return: ``samples``, ``mean``, ``low`` and ``high``, each of shape (n,)
     """
     logs = [run.log for run in runs if column in run.log and len(run.log[column])]
     if not logs:
         return {name: np.array([]) for name in ("samples", "mean", "low", "high")}
-    start, end = max(log[STEP_COLUMN][0] for log in logs), min(log[STEP_COLUMN][-1] for log in logs)
-    samples = logs[0][STEP_COLUMN]
-    samples = samples[(samples >= start) & (samples <= end)]
-    values = np.stack([np.interp(samples, log[STEP_COLUMN], log[column]) for log in logs])
-    return {"samples": samples, "mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+    samples = max((log[STEP_COLUMN] for log in logs), key=lambda steps: float(steps[-1]))
+    curves = [np.interp(samples, log[STEP_COLUMN], log[column], left=np.nan, right=np.nan) for log in logs]
+    values = np.ma.masked_invalid(np.stack(curves))
+    found = {"mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+    return {"samples": samples, **{name: np.ma.filled(curve, np.nan) for name, curve in found.items()}}
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _order(line: Line) -> tuple[int, float, str]:
-    """Numbers by size, then words, then null: no bound is the widest."""
-    if _is_number(line.value):
-        return 0, float(line.value), ""
-    return (2, 0.0, "") if line.value is None else (1, 0.0, str(line.value))
+def _order(value: Any) -> tuple[int, float]:
+    """Where a value stands among others; words stay in their order."""
+    if _is_number(value):
+        return 0, float(value)
+    return (2, 0.0) if value is None else (1, 0.0)

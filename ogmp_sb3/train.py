@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.plugins.config_source import ConfigLoadError
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -18,6 +20,7 @@ from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.registry import did_you_mean
@@ -65,9 +68,20 @@ def _hydra_main(cfg: DictConfig) -> float:
         config = read(TrainConfig, values, Where(PROGRAM))
         return begin_or_go_on(task, task_data, config, run_dir)
     except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
-        cli.fail(PROGRAM, ValueError(sentence(error)))
+        return _failed(run_dir, ValueError(sentence(error)))
     except cli.MISTAKES as error:
+        return _failed(run_dir, error)
+
+
+def _failed(run_dir: Path, error: Exception) -> float:
+    """End a run with a sentence; in a multirun leave it to the end, for the other jobs go on.
+
+    :return: no number
+    """
+    if HydraConfig.get().mode != RunMode.MULTIRUN:
         cli.fail(PROGRAM, error)
+    (run_dir / FAILURE).write_text(cli.one_line(PROGRAM, error), encoding="utf-8")
+    return math.nan
 
 
 def _resume(arguments: list[str]) -> None:

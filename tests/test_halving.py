@@ -8,6 +8,8 @@ import pytest
 from programs import SMALL, program
 
 from ogmp_sb3 import halving
+from ogmp_sb3.logs import STEP_COLUMN
+from ogmp_sb3.runs import Run
 from ogmp_sb3.schema import write_yaml
 
 
@@ -22,6 +24,7 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, i
             trained.append((value, int(given["total_timesteps"])))
             folder = tmp_path / "search" / f"rho={value}"
             folder.mkdir(parents=True, exist_ok=True)
+            (folder / "progress.csv").write_text(f"{STEP_COLUMN}\n{trained[-1][1]}\n")
             write_yaml(folder / "config.yaml", {"task": {"rho": float(value)}, "train": {"total_timesteps": 0}})
 
     def score(job: halving.Run, episodes: int) -> list[float]:
@@ -49,6 +52,17 @@ def test_the_better_half_trains_twice_as_long(played, tmp_path: Path, capsys: py
 def test_values_on_the_command_line_count(played, tmp_path: Path) -> None:
     run(tmp_path, "rho=0.10,0.3")
     assert played == [("0.1", 100), ("0.3", 100), ("0.3", 200), ("0.3", 400), ("0.3", 800)]
+
+
+def test_the_seeds_of_a_value_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scores = {(0.1, 0): 1.0, (0.1, 1): 0.0, (0.3, 0): 0.7, (0.3, 1): 0.5}
+    jobs = [Run(tmp_path / f"{rho}-{seed}", (f"rho={rho}", f"seed={seed}"), {}, {}, "finished") for rho, seed in scores]
+    monkeypatch.setattr(halving, "_score", lambda job, episodes: [scores[job.setting("rho"), job.setting("seed")], 0.0])
+    config = halving.SearchConfig(key="rho", values=("0.1", "0.3"), rounds=1, episodes=2)
+    assert halving._ranked(tmp_path, config, ["0.1", "0.3"], jobs, 100) == [
+        ([pytest.approx(0.6), 0.0], "0.3"),
+        ([0.5, 0.0], "0.1"),
+    ]
 
 
 def test_scores_are_kept(played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

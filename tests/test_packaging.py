@@ -50,7 +50,7 @@ LAYERS = (
     {"saving"},
     {"training", "robustness", "epsilon", "video", "viewer"},
     {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
-    | {"overrides", "report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
+    | {"overrides", "failures", "report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""
 

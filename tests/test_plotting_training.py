@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ogmp_sb3.plotting_training import line_colours, plot_objectives, smoothed
+from ogmp_sb3.plotting_training import _between, _places, line_colours, plot_objectives, smoothed
 
 
 def test_smoothing_is_a_mean_over_the_rows_around_that_are_known() -> None:
@@ -31,3 +31,14 @@ def test_objectives_are_drawn_for_numbers_words_and_no_value(tmp_path: Path) -> 
         with Image.open(tmp_path / f"picture{i}.png") as image:
             assert image.width > 300
         assert (tmp_path / f"picture{i}.svg").read_text().rstrip().endswith("</svg>")
+
+
+def test_values_stand_side_by_side_numbers_by_size_and_no_value_last() -> None:
+    assert list(_places(["0.5", "null", "0.05", "0.1"]).items()) == [("0.05", 0), ("0.1", 1), ("0.5", 2), ("null", 3)]
+    assert list(_places(["no height_scan", "no clock", "unchanged"])) == ["no height_scan", "no clock", "unchanged"]
+
+
+def test_a_mark_stands_between_the_values_around_it() -> None:
+    places = _places(["0.1", "0.5", "null"])
+    np.testing.assert_allclose(_between(places, (0.3, 1.6)), [0.5, 1.5])
+    np.testing.assert_allclose(_between(places, (0.05, 0.5)), [-0.25, 1.0])

@@ -25,7 +25,7 @@ from ogmp_sb3.config import load_task
 from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.page import Table
-from ogmp_sb3.report_sweep import highest_return
+from ogmp_sb3.report_sweep import highest_return, spread
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.traces import Trace
 
@@ -212,6 +212,8 @@ def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: P
 def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) -> None:
     html = (sweep_page / "report.html").read_text(encoding="utf-8")
     assert "2 finished, 2 missing" in html
+    captions = re.findall("<figcaption>([^<]*)", html)  # of the curves, the objectives, the ends and the traces
+    assert ["v · horizon · control_dt = 0.54 to 1.62 m" in text for text in captions] == [True, True, False, False]
     for value in ("0.3", "0.5", "0.8", "null"):
         assert f'<th scope="row">rho={value}</th>' in html
     assert {row["line"] for row in rows(sweep_page / "training.csv")} == {"0.3", "0.5"}
@@ -229,6 +231,17 @@ def test_objectives_have_their_intervals(sweep_page: Path) -> None:
     for row, metric in zip(found, ["return", "return", "true_objective", "true_objective"], strict=True):
         expected = metrics[f"rho={row['value']}", metric]
         assert [row[key] for key in ("mean", "low", "high")] == [expected[key] for key in ("mean", "low", "high")]
+
+
+def test_every_job_has_a_bar_of_what_ended_its_episodes(sweep_page: Path) -> None:
+    ended = rows(sweep_page / "terminations.csv")
+    for job in ("rho=0.3", "rho=0.5"):
+        assert sum(int(row["episodes"]) for row in ended if row["job"] == job) == 3
+
+
+def test_of_many_traces_some_are_drawn_with_the_first_and_the_last() -> None:
+    assert spread(10) == [0, 2, 4, 5, 7, 9]
+    assert spread(3) == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
@@ -254,14 +267,16 @@ def test_a_job_that_cannot_be_loaded_is_listed_with_the_reason(sweep: Path, tmp_
 
 
 def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None:
-    (tmp_path / "sweep" / "0" / ".hydra").mkdir(parents=True)
-    (tmp_path / "sweep" / "0" / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["task=parkour", "rho=-1"]))
+    for name, rho in (("0", -1), ("1", 0.5)):
+        (tmp_path / "sweep" / name / ".hydra").mkdir(parents=True)
+        overrides = yaml.safe_dump(["task=parkour", f"rho={rho}"])
+        (tmp_path / "sweep" / name / ".hydra" / "overrides.yaml").write_text(overrides)
+    (tmp_path / "sweep" / "1" / "progress.csv").write_text("damaged")
     done = program("report", f"sweep={tmp_path / 'sweep'}", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert re.findall(r"<h2>(.*?)</h2>", (tmp_path / "sweep" / "report" / "report.html").read_text()) == [
-        "Sweep",
-        "Jobs",
-    ]
+    html = (tmp_path / "sweep" / "report" / "report.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", html) == ["Sweep", "Jobs"]
+    assert "1/progress.csv: not readable as a log of numbers" in html
 
 
 @pytest.mark.parametrize(
@@ -273,6 +288,7 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
         (["sweep=nowhere"], "'nowhere': no such directory"),
         (["run={sweep}"], "is a multirun: give it as sweep="),
         (["sweep={sweep}/0"], "is one run, not a multirun: give it as run="),
+        (["sweep={sweep}", "grids=false"], "'grids' is of a run: a report on a sweep does not use it"),
         (["run={sweep}/0", "variants=oracel"], "unknown variant 'oracel'"),
         (["run={sweep}/0", "episodes=0"], "'episodes' must be at least 1"),
         (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),

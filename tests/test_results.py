@@ -41,8 +41,8 @@ def test_results_before_an_interruption_are_kept(tmp_path: Path) -> None:
 def test_a_line_that_was_cut_off_is_passed_over_and_does_not_spoil_the_next(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     Results(path).remember({"cell": 1}, lambda: 1.0)
-    with path.open("a") as file:
-        file.write('\n{"settings": {"cell": 2}, "resu')
+    with path.open("ab") as file:
+        file.write(b'\n{"settings": {"cell": 2}, "resu\xff')
     Results(path).remember({"cell": 3}, lambda: 3.0)
     kept = Results(path)
     assert [{"cell": i} in kept for i in (1, 2, 3)] == [True, False, True]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import read_log, read_run, read_sweep, swept_keys
 
@@ -132,6 +133,85 @@ def test_a_sweep_lists_every_job_that_was_asked_for_in_order(tmp_path: Path) -> 
         (None, "lqr", "missing"),
     ]
     assert swept_keys(jobs) == ["rho", "oracle"]
+
+
+def write_multirun(folder: Path, given: list[str], params: dict[str, str] | None = None) -> None:
+    """``multirun.yaml`` as Hydra writes it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    sweeper = {"_target_": "hydra._internal.core_plugins.basic_sweeper.BasicSweeper", "params": params}
+    data = {"hydra": {"sweeper": sweeper, "overrides": {"task": given}}}
+    (folder / "multirun.yaml").write_text(yaml.safe_dump(data))
+
+
+def test_the_one_job_that_a_ready_sweep_misses_is_listed(tmp_path: Path) -> None:
+    experiment = yaml.safe_load((PACKAGE / "conf" / "experiment" / "rho.yaml").read_text())
+    params = experiment["hydra"]["sweeper"]["params"]
+    values = params["rho"].split(",")
+    write_multirun(tmp_path, ["+experiment=rho", "task=parkour", "seed=0,1"], params)
+    for i, (rho, seed) in enumerate((rho, seed) for rho in values for seed in (0, 1)):
+        if (rho, seed) != ("0.4", 1):
+            overrides = [f"rho={rho}", "+experiment=rho", "task=parkour", f"seed={seed}"]
+            make_run(tmp_path / str(i), overrides, steps=1000)
+    jobs = read_sweep(tmp_path)
+    assert len(jobs) == 2 * len(values)
+    assert [(job.setting("rho"), job.setting("seed")) for job in jobs if job.state == "missing"] == [(0.4, 1)]
+    assert swept_keys(jobs) == ["rho", "seed"]
+
+
+def test_a_value_of_the_command_line_replaces_those_of_a_ready_sweep(tmp_path: Path) -> None:
+    write_multirun(tmp_path, ["+experiment=rho", "task=parkour", "rho=0.7"], {"rho": "0.1,0.2"})
+    make_run(tmp_path / "0", ["rho=0.7", "+experiment=rho", "task=parkour"], steps=1000)
+    assert [job.state for job in read_sweep(tmp_path)] == ["finished"]
+
+
+def test_a_job_is_found_however_its_values_were_typed(tmp_path: Path) -> None:
+    typed = ["rho=.3,.5", "ppo.learning_rate=1e-4", "num_envs=1_000", "task.modes.jump.h=[0.2, 0.3]"]
+    write_multirun(tmp_path, ["task=parkour", *typed])
+    for rho in ("0.3", "0.5"):
+        kept = [f"rho={rho}", "ppo.learning_rate=0.0001", "num_envs=1000", "task.modes.jump.h=[0.2,0.3]"]
+        make_run(tmp_path / rho, ["task=parkour", *kept], steps=1000)
+    assert [job.state for job in read_sweep(tmp_path)] == ["finished", "finished"]
+
+
+def test_a_sweep_that_was_extended_lists_each_job_once_and_differs_in_no_budget(tmp_path: Path) -> None:
+    write_multirun(tmp_path, ["task=parkour", "rho=0.3,0.5", "total_timesteps=2000"])
+    make_run(tmp_path / "a", ["task=parkour", "rho=0.3", "total_timesteps=2000"], steps=1000)
+    make_run(tmp_path / "b", ["task=parkour", "rho=0.5", "total_timesteps=1000"], steps=1000)
+    make_run(tmp_path / "c", ["task=parkour", "rho=0.7", "total_timesteps=1000"], steps=1000)
+    jobs = read_sweep(tmp_path)
+    assert [(job.setting("rho"), job.state) for job in jobs] == [(rho, "finished") for rho in (0.3, 0.5, 0.7)]
+    assert swept_keys(jobs) == ["rho"]
+    assert [job.setting("rho") for job in read_sweep(tmp_path, asked=True)] == [0.3, 0.5]
+
+
+def test_a_sweep_that_names_no_values_lists_what_is_there(tmp_path: Path) -> None:
+    write_multirun(tmp_path, ["task=glob(*)"])
+    make_run(tmp_path / "a", ["task=parkour"], steps=1000)
+    assert [job.state for job in read_sweep(tmp_path)] == ["finished"]
+
+
+def test_jobs_whose_values_have_slashes_are_found_and_a_sweep_within_is_left(tmp_path: Path) -> None:
+    write_multirun(tmp_path, ["task=parkour", "task.encoder=encoders/mine,encoders/parkour"])
+    for name in ("mine", "parkour"):
+        overrides = ["task=parkour", f"task.encoder=encoders/{name}"]
+        make_run(tmp_path / "task=parkour,task.encoder=encoders" / name, overrides, steps=1000)
+    make_run(tmp_path / "another" / "0", ["task=parkour"], steps=1000)
+    write_multirun(tmp_path / "another", ["task=parkour"])
+    (tmp_path / "all").symlink_to(tmp_path)
+    jobs = read_sweep(tmp_path)
+    assert [(job.path.name, job.state) for job in jobs] == [("mine", "finished"), ("parkour", "finished")]
+
+
+@pytest.mark.parametrize("file", ["progress.csv", "config.yaml", ".hydra/overrides.yaml"])
+def test_a_job_with_a_damaged_file_is_listed_with_the_reason(file: str, tmp_path: Path) -> None:
+    folder = make_sweep(tmp_path)
+    (folder / "0" / file).write_text("\x00")
+    jobs = read_sweep(folder)
+    (damaged,) = (job for job in jobs if job.state == "damaged")
+    assert f"0/{file}: not readable" in damaged.problem
+    assert [job.state for job in jobs if job.path.name in ("1", "2")] == ["running", "failed"]
+    missing = 4 if file.endswith("overrides.yaml") else 3  # whose command line it is that is damaged cannot be known
+    assert sum(job.state == "missing" for job in jobs) == missing
 
 
 def test_a_sweep_whose_sweeper_chose_as_it_went_lists_what_is_there(tmp_path: Path) -> None:

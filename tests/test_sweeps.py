@@ -10,7 +10,7 @@ import pytest
 
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import Run
-from ogmp_sb3.sweeps import describe, mean_curve, shown, sort_out
+from ogmp_sb3.sweeps import alike, brief, describe, mean_curve, shown, sort_out
 
 
 def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:
@@ -53,6 +53,28 @@ def test_settings_are_shown_as_they_are_typed() -> None:
     )
 
 
+def test_words_stay_in_the_order_of_the_command_line() -> None:
+    values: list[Any] = [{"clock": None, "height_scan": None}, {"clock": None}, {}]
+    (panel,) = sort_out([job(observations=value) for value in values]).panels
+    assert [line.value for line in panel.lines] == values
+
+
+def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
+    assert brief({"clock": None, "height_scan": None}) == "no clock, no height_scan"
+    assert (brief({}), brief({"z": 1.0}), brief(None), brief(0.3)) == ("unchanged", "z: 1.0", "null", "0.3")
+
+
+def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
+    pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
+    jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
+    found = alike(jobs, ["oracle", "rho", "seed"], "rho")
+    assert [(j.setting("oracle"), j.setting("rho"), j.setting("seed")) for j in found] == [
+        ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
+    ]  # fmt: skip
+    assert [j.setting("oracle") for j in alike(jobs, ["oracle", "rho", "seed"], "oracle")] == ["lqr", "preview"]
+    assert alike([], ["rho"], "rho") == []
+
+
 def test_the_curve_of_one_run_is_its_log() -> None:
     curve = mean_curve([job({STEP_COLUMN: [10, 20], "a": [1.0, 4.0]})], "a")
     np.testing.assert_array_equal(curve["samples"], [10, 20])
@@ -60,14 +82,15 @@ def test_the_curve_of_one_run_is_its_log() -> None:
         np.testing.assert_array_equal(curve[name], [1.0, 4.0])
 
 
-def test_the_curve_of_several_seeds_goes_as_far_as_all_of_them() -> None:
+def test_the_curve_of_several_seeds_averages_those_that_have_got_so_far() -> None:
     first = job({STEP_COLUMN: [10, 20, 30], "a": [1.0, 2.0, 3.0]})
     second = job({STEP_COLUMN: [10, 25], "a": [3.0, 6.0]})  # 5 at 20
-    curve = mean_curve([first, second, job()], "a")
-    np.testing.assert_array_equal(curve["samples"], [10, 20])
-    np.testing.assert_allclose(curve["mean"], [2.0, 3.5])
-    np.testing.assert_allclose(curve["low"], [1.0, 2.0])
-    np.testing.assert_allclose(curve["high"], [3.0, 5.0])
+    late = job({STEP_COLUMN: [], "a": []})
+    curve = mean_curve([second, first, late, job()], "a")
+    np.testing.assert_array_equal(curve["samples"], [10, 20, 30])
+    np.testing.assert_allclose(curve["mean"], [2.0, 3.5, 3.0])
+    np.testing.assert_allclose(curve["low"], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(curve["high"], [3.0, 5.0, 3.0])
 
 
 def test_without_a_log_there_is_no_curve() -> None:

@@ -200,6 +200,26 @@ def test_multirun_trains_every_combination(tmp_path: Path) -> None:
     assert sorted(found, key=str) == [0.2, None]
 
 
+def test_a_mistake_of_one_job_is_told_when_the_others_have_trained(tmp_path: Path) -> None:
+    arguments = ["-m", "task=dive", "rho=-1,0.5", "total_timesteps=64", *SMALL, "hydra.sweep.dir=sweep"]
+    for _ in range(2):
+        done = program("train", *arguments, "hydra.sweep.subdir=${hydra.job.num}", cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stderr.splitlines()[-1].startswith("ogmp-train: 0: ") and "'rho' must be above 0" in done.stderr
+        assert done.stderr.count("ogmp-train: ") == 1 and "Traceback" not in done.stderr
+        assert checkpoint_dirs(tmp_path / "sweep" / "1")
+    assert "already" in done.stdout
+    arguments[2] = "rho=0.2,0.5"
+    done = program("train", *arguments, "hydra.sweep.subdir=${hydra.job.num}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr  # what failed before is forgotten
+
+
+def test_a_ready_sweep_over_tasks_needs_a_directory(tmp_path: Path) -> None:
+    done = program("train", "-m", "+experiment=rho", "task=parkour,dive", "hydra/launcher=basic", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "ogmp-train: for several tasks give a directory too: hydra.sweep.dir=<directory>.\n"
+
+
 def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: Path) -> None:
     source = Path(__file__).parents[1] / "tasks" / "stairs.yaml"
     (tmp_path / "mine" / "task").mkdir(parents=True)

@@ -63,7 +63,8 @@ def test_every_ready_sweep_composes(name: str, tmp_path: Path) -> None:
     small = ["ppo.batch_size=16", "ppo.n_epochs=1", "ppo.lstm_hidden_size=8", "hydra/launcher=basic"]
     done = program("train", *arguments, *small, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    configs = [yaml.safe_load(p.read_text())["task"] for p in tmp_path.glob(f"runs/experiments/{name}/*/config.yaml")]
+    files = tmp_path.glob(f"runs/experiments/{name}/parkour/*/config.yaml")
+    configs = [yaml.safe_load(file.read_text())["task"] for file in files]
     assert len({json.dumps(config, sort_keys=True) for config in configs}) == len(configs) > 1
 
 
