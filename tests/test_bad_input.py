@@ -173,7 +173,7 @@ RIGHT = {
     "train": ["task=dive", "rho=0.3", "seed=1", "total_timesteps=64", "task.modes.flip.h=[1.0,1.2]", "ppo.gamma=0.9",
               "hydra.run.dir=run", *SMALL],
     "evaluate": ["run=parkour", "episodes=3", "seed=1", "protocol=endless", "max_distance=5", "scene=faster",
-                 "modes.jump.h=0.2", "out=out"],
+                 "oracle=lqr", "out=out"],
     "play": ["task=dive", "seed=1", "port=0", "seconds=1.0", "rho=0.3"],
     "encode": ["task=dive", "references=3", "updates=3", "seed=1", "out=out"],
     "export": ["run=parkour", "out=exported"],

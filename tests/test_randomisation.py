@@ -76,7 +76,7 @@ def test_it_is_off_by_default(name: str) -> None:
         ("sensor_noise", -0.1, "'sensor_noise' must be at least 0, found -0.1."),
         ("push", {"every": 0, "speed": 1}, "'randomisation.push': 'every' must be above 0, found 0."),
         ("push", {"every": 1, "speed": -1}, "'randomisation.push': 'speed' must be at least 0, found -1."),
-        ("push", {"speed": 1}, "'randomisation.push.every' is missing"),
+        ("push", {"every": 1}, "'randomisation.push.speed' is missing"),
         ("pushes", 1, "'randomisation.pushes' is not a known key"),
     ],
 )

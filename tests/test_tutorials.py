@@ -42,7 +42,7 @@ LESS = {
     "train": [*SMALL, "hydra/launcher=basic", "++task.evaluation.episode_steps=20"],
     "eval": ["episodes=2", "evaluation.episode_steps=20"],
     "play": ["seconds=0.06"],
-    "report": ["episodes=2", "evaluation.episode_steps=20", "traces=1", "variants=null"],
+    "report": ["episodes=2", "evaluation.episode_steps=20", "variants=null"],
 }
 
 
