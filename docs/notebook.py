@@ -45,7 +45,7 @@ def _commands(block: str) -> str:
     lines = [f"!{line[2:]}" if line.startswith("$ ") else f"# {line}" for line in block.splitlines()]
     pictures = re.findall(r"video=(\S+\.(?:png|gif))", block)
     if pictures:
-        lines = ["from IPython.display import Image, display", *lines]
+        lines = ["from IPython.display import Image, display", "", *lines]
     return "\n".join([*lines, *(f'display(Image("{picture}"))' for picture in pictures)])
 
 
