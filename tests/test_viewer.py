@@ -176,11 +176,12 @@ def test_a_command_that_cannot_be_carried_out_is_named_on_the_page_and_the_play_
 class Browser:
     """A Chromium without a window, driven through its DevTools protocol."""
 
-    def __init__(self, url: str, folder: Path) -> None:
+    def __init__(self, url: str, folder: Path, size: tuple[int, int] = (900, 700)) -> None:
         from websockets.sync.client import connect
 
         flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
-        flags += ["--enable-unsafe-swiftshader", "--window-size=900,700", "--remote-debugging-port=0"]
+        window = f"--window-size={size[0]},{size[1]}"
+        flags += ["--enable-unsafe-swiftshader", window, "--remote-debugging-port=0"]
         self.process = subprocess.Popen(
             [cast(str, CHROMIUM), *flags, f"--user-data-dir={folder}", url], stderr=subprocess.PIPE, text=True
         )
