@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ogmp_sb3.checkpoints import LoadedPolicy
-from ogmp_sb3.config import apply_overrides, task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.evaluate import evaluate_cell, measure
 from ogmp_sb3.grid import Grid, limits
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.results import Results
+from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.traces import Trace, make_trace
 
 RESULTS = Path("evaluation") / "results.jsonl"
@@ -95,8 +95,8 @@ class Subject:
 
     def _task(self, overrides: list[str]) -> TaskConfig:
         """The task as it was in training, with overrides."""
-        data = apply_overrides(copy.deepcopy(self.loaded.task_data), [*self.overrides, *overrides], "overrides")
-        return task_from_data(data, self.loaded.task_path)
+        loaded, overrides = self.loaded, [*self.overrides, *overrides]
+        return task_for_test(copy.deepcopy(loaded.task_data), loaded.task_path, overrides, None, "ogmp-report")
 
     def _test(self) -> TaskConfig:
         """The task under its test protocol, the return among its metrics."""

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,18 +116,6 @@ def test_the_examples_in_python_run(page: Path, opengl, tmp_path: Path, monkeypa
             exec(compile(block, page.name, "exec"), names)
     assert (tmp_path / "my_policy.zip").is_file()
     assert len(names["episodes"]) == 1
-
-
-def test_a_model_has_the_noise_and_the_settings_of_ogmp_train_and_can_be_saved(tmp_path: Path) -> None:
-    env = ours(2, 0)
-    model = ogmp_sb3.make_model(env, replace(default_ppo(), n_steps=16, batch_size=32), seed=3)
-    assert float(model.policy.log_std.exp().mean()) * 2.0 == pytest.approx(0.13)
-    assert not model.policy.log_std.requires_grad
-    model.num_timesteps = 6_000_000
-    assert model.lr_schedule(0.0) == pytest.approx(1.5e-4)
-    model.save(tmp_path / "model.zip")
-    again = RecurrentPPO.load(tmp_path / "model.zip", env=env)
-    assert again.lr_schedule(0.0) == pytest.approx(3e-4)
 
 
 def test_our_recurrent_ppo_is_saved_loaded_and_trained_on(tmp_path: Path) -> None:
