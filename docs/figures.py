@@ -33,7 +33,8 @@ REPORTED = {
 }
 PAGE, VIEWER = "report.png", "play.png"
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
-STRIP, COLOURS = (1200, 600), 256
+STRIP = (1200, 600)
+CLOSE_NOTICES = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(button => button.click())"
 SETTLED = 4.0  # s of play before the viewer's picture is taken
 
 
@@ -42,18 +43,18 @@ def program(name: str, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", f"ogmp_sb3.{name}", *arguments], check=True)
 
 
-def compress(picture: Path, size: tuple[int, int] | None = None) -> None:
-    """Make a picture small, for a page."""
+def shrink(picture: Path, size: tuple[int, int]) -> None:
+    """Make a picture small enough for a page."""
     with Image.open(picture) as image:
-        smaller = image.convert("RGB") if size is None else image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-    smaller.quantize(COLOURS).save(picture, optimize=True)
+        smaller = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    smaller.save(picture, optimize=True)
 
 
 def draw_video(name: str) -> None:
     """A video, a GIF or a strip by ``ogmp-play``."""
     program("play", *VIDEOS[name], f"video={IMAGES / name}")
     if name.endswith(".png"):
-        compress(IMAGES / name, STRIP)
+        shrink(IMAGES / name, STRIP)
 
 
 def draw_reported(names: set[str]) -> None:
@@ -68,7 +69,6 @@ def draw_reported(names: set[str]) -> None:
             flags = ["--headless=new", "--no-sandbox", "--window-size=1000,1100", "--hide-scrollbars"]
             page = f"file://{folder}/report.html"
             subprocess.run([chromium, *flags, f"--screenshot={IMAGES / PAGE}", page], check=True)
-            compress(IMAGES / PAGE)
 
 
 def draw_viewer() -> None:
@@ -94,10 +94,11 @@ def draw_viewer() -> None:
         while time.monotonic() < end:
             viewer.advance(0.1)
             time.sleep(0.1)
-        Image.fromarray(browser.picture().astype("uint8")).save(IMAGES / VIEWER)
+        browser.javascript(CLOSE_NOTICES)
+        time.sleep(1.0)
+        Image.fromarray(browser.picture().astype("uint8")).save(IMAGES / VIEWER, optimize=True)
         browser.close()
     viewer.server.stop()
-    compress(IMAGES / VIEWER)
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     """
     path = task_path(name_or_path)
     data = read_yaml(path)
-    return task_from_data(apply_overrides(data, overrides, shown(path)), path)
+    return task_from_data(apply_overrides(data, overrides, shown_path(path)), path)
 
 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterabl
 
 def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
     """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`."""
-    where = Where(shown(path))
+    where = Where(shown_path(path))
     task = read(TaskConfig, data, where)
     with _located(where / "robot"):
         robot = load_robot(task.robot, path.parent)
@@ -123,9 +123,9 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
                 known = did_you_mean(name_or_path, robots)
                 raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
             path = robots[name_or_path]
-    robot = replace(read(RobotConfig, read_yaml(path), Where(shown(path))), path=path)
+    robot = replace(read(RobotConfig, read_yaml(path), Where(shown_path(path))), path=path)
     if not _is_file(robot.mjcf_path):
-        raise ValueError(f"{Where(shown(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
+        raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
     return robot
 
 
@@ -289,7 +289,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def shown(path: Path) -> str:
+def shown_path(path: Path) -> str:
     """A path as a message shows it: shipped files by their short name."""
     try:
         return str(path.resolve().relative_to(PACKAGE.resolve().parent))

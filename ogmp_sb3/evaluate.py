@@ -15,6 +15,7 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
+from ogmp_sb3.config import shown_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
@@ -191,7 +192,7 @@ def _run(arguments: list[str]) -> None:
     distance = config.max_distance if config.protocol == "endless" else None
     console = cli.console()
     report: dict[str, Any] = {
-        "run": str(loaded.path),
+        "run": shown_path(loaded.path),
         "policy": loaded.digest,
         "task": task.name,
         "protocol": config.protocol,

@@ -11,6 +11,7 @@ import numpy as np
 
 from ogmp_sb3 import registry
 from ogmp_sb3.check import standing_still
+from ogmp_sb3.config import shown_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.grid import default_grids
@@ -55,7 +56,7 @@ def overview(subject: Subject, run: Run | None) -> Section:
         ["seed", str(info.get("seed", "not recorded"))],
         ["samples", _samples(subject, run)],
         ["versions", ", ".join(f"{name} {version}" for name, version in (info.get("versions") or {}).items())],
-        ["policy", str(subject.loaded.path)],
+        ["policy", shown_path(subject.loaded.path)],
     ]
     if run is not None and run.overrides:
         rows.append(["command", run.command])

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.config import TASKS_DIR, apply_overrides, shown, task_from_data
+from ogmp_sb3.config import TASKS_DIR, apply_overrides, shown_path, task_from_data
 from ogmp_sb3.definitions import Scene, TaskConfig
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.schema import Where, read, read_yaml
@@ -58,7 +58,7 @@ def _apply_scene(data: dict[str, Any], name_or_path: str, overrides: list[str]) 
             names = [p.stem for p in SCENES_DIR.glob("*.yaml")]
             raise KeyError(f"unknown scene '{name_or_path}'{did_you_mean(name_or_path, names)}")
     data_of_scene = read_yaml(path)
-    scene = read(Scene, data_of_scene, Where(shown(path)))
+    scene = read(Scene, data_of_scene, Where(shown_path(path)))
     for override in overrides:
         kind, *names = override.partition("=")[0].split(".")
         hidden = (
