@@ -102,7 +102,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
         "gains": {
             "kp": sim.kp.tolist(),
             "kd": sim.kd.tolist(),
-            "torque_limit": np.where(limited, limits, None).tolist(),
+            "torque_limit": [float(limit) if held else None for limit, held in zip(limits, limited, strict=True)],
         },
         "network": {"layers": lstm.num_layers, "hidden": lstm.hidden_size},
         "num_timesteps": loaded.info.get("num_timesteps"),

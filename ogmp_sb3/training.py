@@ -136,7 +136,7 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
     remaining = config.total_timesteps - model.num_timesteps
     try:
         if remaining > 0:
-            model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+            model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)
             checkpoints.save_last()
     except StopTraining:
         checkpoints.save_last()
