@@ -2,8 +2,8 @@
 
     python docs/figures.py [picture ...]
 
-All of them take some ten minutes, most of it for the heat maps. This needs the extras ``viewer`` and ``dev``, an OpenGL
-library and Chromium. The pictures of a tutorial are what its own commands and code make.
+The heat maps take most of the time. This needs the extras ``viewer`` and ``dev``, an OpenGL library and Chromium. The
+other pictures of a tutorial are what its own commands and code make.
 """
 
 from __future__ import annotations
@@ -17,7 +17,13 @@ from pathlib import Path
 
 from PIL import Image
 
+from ogmp_sb3 import Player, load_policy
+from ogmp_sb3.viewer import Viewer
+
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+from test_viewer import CHROMIUM, Browser  # noqa: E402
+
 IMAGES = ROOT / "docs" / "images"
 VIDEOS = {
     "parkour.gif": ["run=parkour", "seconds=6", "seed=3"],
@@ -32,7 +38,6 @@ REPORTED = {
     "latents.png": "latents.png",
 }
 PAGE, VIEWER = "report.png", "play.png"
-CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 STRIP = (1200, 600)
 CLOSE_NOTICES = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(button => button.click())"
 SETTLED = 4.0  # s of play before the viewer's picture is taken
@@ -43,10 +48,10 @@ def program(name: str, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", f"ogmp_sb3.{name}", *arguments], check=True)
 
 
-def shrink(picture: Path, size: tuple[int, int]) -> None:
-    """Make a picture small enough for a page."""
+def shrink(picture: Path) -> None:
+    """Make a strip small enough for a page."""
     with Image.open(picture) as image:
-        smaller = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+        smaller = image.convert("RGB").resize(STRIP, Image.Resampling.LANCZOS)
     smaller.save(picture, optimize=True)
 
 
@@ -54,7 +59,7 @@ def draw_video(name: str) -> None:
     """A video, a GIF or a strip by ``ogmp-play``."""
     program("play", *VIDEOS[name], f"video={IMAGES / name}")
     if name.endswith(".png"):
-        shrink(IMAGES / name, STRIP)
+        shrink(IMAGES / name)
 
 
 def draw_reported(names: set[str]) -> None:
@@ -65,21 +70,13 @@ def draw_reported(names: set[str]) -> None:
         for name in names & set(REPORTED):
             shutil.copy(Path(folder) / REPORTED[name], IMAGES / name)
         if PAGE in names:
-            chromium = next(filter(None, map(shutil.which, CHROMIUM)))
             flags = ["--headless=new", "--no-sandbox", "--window-size=1000,1100", "--hide-scrollbars"]
             page = f"file://{folder}/report.html"
-            subprocess.run([chromium, *flags, f"--screenshot={IMAGES / PAGE}", page], check=True)
+            subprocess.run([CHROMIUM, *flags, f"--screenshot={IMAGES / PAGE}", page], check=True)
 
 
 def draw_viewer() -> None:
     """The browser viewer while it plays parkour."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from test_viewer import Browser
-
-    from ogmp_sb3.checkpoints import load_policy
-    from ogmp_sb3.player import Player
-    from ogmp_sb3.viewer import Viewer
-
     loaded = load_policy("parkour")
     viewer = Viewer(Player(loaded.task, loaded.policy, seed=3), "127.0.0.1", 0)
     with tempfile.TemporaryDirectory() as folder:
