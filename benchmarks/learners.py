@@ -8,7 +8,6 @@ trained again. Leaves ``benchmarks/learners-curves.png`` and the curves as ``ben
 
 from __future__ import annotations
 
-import csv
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +18,7 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3 import make_env, make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
+from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting_training import plot_sweep_curves
 from ogmp_sb3.runs import Run, read_run, read_sweep
 from ogmp_sb3.sweeps import mean_curve
@@ -64,10 +64,7 @@ def main() -> None:
         curve = mean_curve(runs, "episode/return")
         points = zip(*curve.values(), strict=True)
         rows += [{"panel": "", "line": line, **dict(zip(curve, point, strict=True))} for point in points]
-    with (HERE / "curves" / "learners.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(HERE / "curves" / "learners.csv", rows)
     plot_sweep_curves(rows, "learner", HERE / "learners-curves.png")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ogmp_sb3 import snapshots
@@ -29,10 +31,11 @@ class Course:
 
     def __init__(self, task: TaskConfig, num_envs: int) -> None:
         self.task = task
-        self.timed, self._lookahead, self.most_steps = _extent(task)
+        most = extent(task)
+        self.timed, self._lookahead, self.most_steps = most.timed, most.lookahead, most.steps
         self._sampler = ModeSampler(task)
         self.terrain = empty_terrain(num_envs, task.track.boxes)
-        self.spans = np.zeros((num_envs, room(task)[1], SPAN_SIZE))
+        self.spans = np.zeros((num_envs, most.spans, SPAN_SIZE))
         self._span_count = np.zeros(num_envs, dtype=int)
         self._laid = np.zeros(num_envs)  # m of track laid so far
         self._mode_count = np.zeros(num_envs, dtype=int)
@@ -179,18 +182,35 @@ def _steps(task: TaskConfig, segment: Segment) -> int:
     return round(segment.spans[-1].end / task.control_dt)
 
 
-def room(task: TaskConfig) -> tuple[int, int]:
-    """How many terrain boxes and set-point spans may lie around a robot, if all modes are as short as they can be."""
-    timed, lookahead, _ = _extent(task)
+class Extent(NamedTuple):
+    """What the modes of a task need room for, if all are as short, or as long, as they can be."""
+
+    timed: bool
+    """whether modes take a time, rather than a length of the track"""
+    lookahead: float
+    """how far ahead the track is laid, m"""
+    steps: int
+    """control steps of a reference"""
+    boxes: int
+    """terrain boxes around a robot"""
+    spans: int
+    """set-point spans around a robot"""
+
+
+def extent(task: TaskConfig) -> Extent:
+    """What the modes of a task need room for.
+
+    :raises ValueError: if they do not go together
+    """
     corners = list(corner_segments(task))
+    timed, lookahead, steps = _reach(task, corners)
     around = 1 if timed else 3 + (KEEP_BEHIND + lookahead) / min(segment.length for segment in corners)
     boxes, spans = (around * max(len(getattr(s, kind)) for s in corners) for kind in ("plateaus", "spans"))
-    return int(min(boxes, MAX_BOXES)), int(np.clip(spans, LEAST_SPANS, MAX_SPANS))
+    return Extent(timed, lookahead, steps, int(min(boxes, MAX_BOXES)), int(np.clip(spans, LEAST_SPANS, MAX_SPANS)))
 
 
-def _extent(task: TaskConfig) -> tuple[bool, float, int]:
+def _reach(task: TaskConfig, corners: list[Segment]) -> tuple[bool, float, int]:
     """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
-    corners = list(corner_segments(task))
     timed = {segment.timed for segment in corners}
     if len(timed) > 1:
         raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")

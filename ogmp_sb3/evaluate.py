@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -124,7 +123,7 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
 def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
     """The task as in training, with the user's overrides."""
     used = ("randomisation",) if config.robustness else ()
-    return task_for_test(copy.deepcopy(loaded.task_data), loaded.task_path, overrides, config.scene, PROGRAM, used)
+    return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, used)
 
 
 def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:

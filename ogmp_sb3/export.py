@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 import time
@@ -22,6 +21,7 @@ from ogmp_sb3.latent import reference_features, task_encoder
 from ogmp_sb3.observations import CLIP, Part
 from ogmp_sb3.policy import Normaliser
 from ogmp_sb3.recipe import versions
+from ogmp_sb3.storage import checksum
 
 if TYPE_CHECKING:
     from ogmp_sb3.controller import Controller
@@ -110,7 +110,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "training": loaded.info.get("versions"),
             "export": {**versions(), **{name: metadata.version(name) for name in ("onnx", "onnxruntime")}},
         },
-        "source_sha256": _checksum(loaded.files[0]),
+        "source_sha256": checksum(loaded.files[0]),
     }
 
 
@@ -125,7 +125,7 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
         models[ENCODER] = encoder_model(encoder)
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
-    info = {**description(loaded, env), "sha256": {name: _checksum(out / name) for name in models}}
+    info = {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}}
     (out / INFO).write_text(json.dumps(info, indent=1), encoding="utf-8")
     shutil.copy(PACKAGE / "controller.py", out / "controller.py")
 
@@ -166,10 +166,6 @@ def encoder_parity(loaded: LoadedPolicy, file: Path) -> float:
     inputs = ({"features": row[: steps + 1]} for row, steps in zip(features, data.steps, strict=True))
     found = np.concatenate([session.run(["latent"], each)[0] for each in inputs])
     return float(np.abs(found - expected).max())
-
-
-def _checksum(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _check(what: str, difference: float, out: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.course import room
+from ogmp_sb3.course import extent
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import did_you_mean
@@ -113,4 +113,4 @@ def cell_task(task: TaskConfig, mode: str, cell: dict[str, Range]) -> TaskConfig
     ranges = {**task.mode_ranges[mode], **cell}
     weights = {name: float(name == mode) for name in task.mode_ranges}
     task = replace(task, modes={**task.modes, mode: ranges}, sampling=replace(task.sampling, weights=weights))
-    return replace(task, track=replace(task.track, boxes=max(task.track.boxes, room(task)[0])))
+    return replace(task, track=replace(task.track, boxes=max(task.track.boxes, extent(task).boxes)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ def task_for_test(
 ) -> TaskConfig:
     """A task, as in training, with the changes that are wanted for a test.
 
-    :param data: of the task, which is changed
+    :param data: of the task as it was in training
     :param path: of the task file, for messages
     :param overrides: ``key=value``
     :param scene: a shipped scene (``"pace_to_jump"``) or the path of a YAML file; None: the task's own modes
@@ -43,7 +44,7 @@ def task_for_test(
         if first in TRAINING_ONLY and first not in used:
             instead = TRAINING_ONLY[first]
             raise ValueError(f"{program}: '{key}' is for training alone; a test has {instead}.")
-    apply_overrides(data, overrides, program)
+    data = apply_overrides(copy.deepcopy(data), overrides, program)
     if scene is not None:
         _apply_scene(data, scene, overrides)
     return task_from_data(data, path)

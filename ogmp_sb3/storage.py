@@ -100,7 +100,7 @@ def alone(folder: Path) -> Iterator[None]:
 def write_manifest(folder: Path) -> None:
     """Write the checksums of all files of a directory into it."""
     files = sorted(file for file in folder.rglob("*") if file.is_file())
-    save_json(folder / MANIFEST, {file.relative_to(folder).as_posix(): _checksum(file) for file in files})
+    save_json(folder / MANIFEST, {file.relative_to(folder).as_posix(): checksum(file) for file in files})
 
 
 def verify(folder: Path, *required: str) -> None:
@@ -118,7 +118,7 @@ def verify(folder: Path, *required: str) -> None:
         if path.is_absolute() or ".." in path.parts:
             raise ValueError(f"{folder / MANIFEST}: '{name}' is not a file of this directory.")
         file = folder / path
-        if not file.is_file() or _checksum(file) != expected:
+        if not file.is_file() or checksum(file) != expected:
             raise ValueError(f"{file}: damaged or missing (its checksum is not that of {MANIFEST}).")
 
 
@@ -188,7 +188,8 @@ def _beside(folder: Path, ending: str) -> Path:
     return folder.with_name(f".{name}.{ending}")
 
 
-def _checksum(path: Path) -> str:
+def checksum(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

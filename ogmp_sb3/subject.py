@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -96,7 +95,7 @@ class Subject:
     def _task(self, overrides: list[str]) -> TaskConfig:
         """The task as it was in training, with overrides."""
         loaded, overrides = self.loaded, [*self.overrides, *overrides]
-        return task_for_test(copy.deepcopy(loaded.task_data), loaded.task_path, overrides, None, "ogmp-report")
+        return task_for_test(loaded.task_data, loaded.task_path, overrides, None, "ogmp-report")
 
     def _test(self) -> TaskConfig:
         """The task under its test protocol, the return among its metrics."""

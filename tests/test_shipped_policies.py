@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +26,6 @@ def test_parkour_runs_its_tracks_without_a_fall() -> None:
 @pytest.mark.parametrize("direction", ["front", "back", "left", "right"])
 def test_dive_lands_a_flip_in_every_direction_from_every_height(direction: str, height: float) -> None:
     loaded, changes = load_policy("dive"), [f"modes.flip.r={direction}", f"modes.flip.h={height}"]
-    task = task_for_test(copy.deepcopy(loaded.task_data), loaded.task_path, changes, None, "test")
+    task = task_for_test(loaded.task_data, loaded.task_path, changes, None, "test")
     (record,) = play_episodes(loaded.policy, task.for_evaluation(), episodes=1, seed=7000)
     assert flip_and_land(record) == 1.0
