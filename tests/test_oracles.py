@@ -1,176 +1,32 @@
-"""Oracles against brute-force least squares, python-control and the laws of flight."""
+"""Oracles against brute-force least squares and the laws of flight."""
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
+from queries import (
+    CASES,
+    FLAT,
+    MODES,
+    NAMES,
+    TASKS,
+    Query,
+    X,
+    Y,
+    Z,
+    best_inputs,
+    laid,
+    least_squares,
+    query,
+    random_query,
+    tracking_cost,
+)
 
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.oracles import ORIENTATION_STEP, Plant, input_weights, state_weights, stationary_gains
-from ogmp_sb3.reference import END, Reference, SetPoints, set_points, span_array, span_row
-from ogmp_sb3.registry import oracles
+from ogmp_sb3.reference import SetPoints, set_points
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import GRAVITY, INPUT_NAMES, OMEGA, POS, RPY, STATE_NAMES, STATE_SIZE, VEL, SRBDynamics, srb_dynamics
+from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_NAMES, STATE_SIZE, VEL
 
-NAMES = ["linear", "lqr", "preview"]
-TASKS = {
-    (task, oracle): load_task(task, {"oracle": oracle}) for task in ("parkour", "dive") for oracle in NAMES
-}  # fmt: skip
-X, Y, Z = range(POS.start, POS.stop)
-FLAT = ModeCall("pace", {"v": 0.8, "length": 5.0})
-
-
-@dataclass(frozen=True)
-class Query:
-    """Set-points of one task and the state they are asked from."""
-
-    task: str
-    points: SetPoints
-    x0: np.ndarray
-
-    def plant(self) -> Plant:
-        config = TASKS[self.task, "linear"]
-        return Plant(config.robot_config.srb, config.control_dt)
-
-    def params(self) -> dict:
-        return TASKS[self.task, "preview"].oracle_params["preview"]
-
-    def ask(self, oracle: str) -> Reference:
-        config: TaskConfig = TASKS[self.task, oracle]
-        return oracles.get(oracle)(self.points, self.x0, self.plant(), **config.oracle_params[oracle])
-
-
-def laid(*calls: ModeCall) -> np.ndarray:
-    """The spans of modes one after another, and a hold, shape (spans, SPAN_SIZE)."""
-    rows, offset = [], 0.0
-    for call in calls:
-        segment = call.segment()
-        rows += [span_row(span, offset) for span in segment.spans]
-        offset += segment.length
-    return span_array(rows)
-
-
-def query(task: str, sequences: list[tuple[ModeCall, ...]], x0: np.ndarray, steps: list[int] | None = None) -> Query:
-    """One row for each sequence of modes; timed modes are asked for whole, others for 30 steps."""
-    config, every = TASKS[task, "linear"], [laid(*calls) for calls in sequences]
-    most = max(len(spans) for spans in every)
-    spans = np.stack([np.pad(s, ((0, most - len(s)), (0, 0)), mode="edge") for s in every])
-    timed = np.array([calls[0].segment().timed for calls in sequences])
-    if steps is None:
-        ends = [s[-2, END] for s in every]
-        steps = [round(e / config.control_dt) if t else 30 for e, t in zip(ends, timed, strict=True)]
-    points = set_points(spans, timed, x0, np.array(steps), config.control_dt, config.gait)
-    return Query(task, points, x0)
-
-
-def sequence(mode: str, rng: np.random.Generator) -> tuple[ModeCall, ...]:
-    """A mode with random parameters, in the paper's ranges and beyond, and flat ground behind it."""
-    u = rng.uniform
-    if mode == "pace":
-        return (ModeCall("pace", {"v": u(0.2, 1.5), "length": u(0.2, 1.5)}), FLAT)
-    if mode == "jump":
-        return (
-            ModeCall("jump", {"w": u(0.2, 0.6), "h": u(0.05, 0.4), "v": u(0.4, 1.2), "run_up": u(0.1, 0.6)}),
-            FLAT,
-        )
-    if mode == "leap":
-        gap = {"w": u(0.1, 0.5), "d": 0.5, "v": u(0.4, 1.2), "run_up": u(0.1, 0.6)}
-        return (ModeCall("leap", gap), FLAT)
-    if mode == "flip":
-        r = ("front", "back", "left", "right")[int(rng.integers(4))]
-        return (ModeCall("flip", {"r": r, "h": u(0.5, 2.0)}),)
-    return (ModeCall("settle", {}),)
-
-
-MODES = {"pace": "parkour", "jump": "parkour", "leap": "parkour", "flip": "dive", "settle": "dive"}
-
-
-def random_query(mode: str, seed: int, rows: int = 1) -> Query:
-    """A mode with random parameters from random states: every component differs from 0."""
-    rng = np.random.default_rng(seed)
-    sequences = [sequence(mode, rng) for _ in range(rows)]
-    x0 = rng.normal(scale=0.2, size=(rows, STATE_SIZE))
-    for row, calls in enumerate(sequences):
-        x0[row, X] = rng.uniform(-0.2, 0.4)
-        x0[row, Z] += 0.5 + calls[0].segment().start_height
-    return query(MODES[mode], sequences, x0)
-
-
-CASES = [pytest.param(mode, seed, id=f"{mode}-{seed}") for mode in MODES for seed in range(3)]
-
-
-def models(q: Query, row: int = 0) -> list[SRBDynamics]:
-    """The linear model of each step: each span's at its own mean orientation, as the paper has it."""
-    points, plant, steps = q.points, q.plant(), q.points.steps[row]
-    rpy = 0.5 * (points.state[row, :-1, RPY] + points.state[row, 1:, RPY])
-    made = {}
-    for span in np.unique(points.span[row, :steps]):
-        mean = rpy[points.span[row] == span].mean(axis=0)
-        made[span] = srb_dynamics(plant.srb, plant.dt, np.round(mean / ORIENTATION_STEP) * ORIENTATION_STEP)
-    return [made[span] for span in points.span[row, :steps]]
-
-
-def weights(q: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Q, R of all 12 inputs, and the terminal cost: the Riccati solution of the upright body."""
-    plant, params = q.plant(), q.params()
-    Q = np.diag([max(params["Q"].get(name, 0.0), params["eps"]) for name in STATE_NAMES])
-    foot = [params["R"][name] for name in INPUT_NAMES]
-    R = np.diag(foot[:3] * 2 + foot[3:] * 2)
-    upright = srb_dynamics(plant.srb, plant.dt, np.zeros(3))
-    _, P, _ = control.dlqr(upright.A, upright.B, Q, R, method="scipy")
-    return Q, R, P
-
-
-def least_squares(q: Query, row: int = 0) -> np.ndarray:
-    """The trajectory of least tracking cost over all 12 inputs of every stance step, shape (steps + 1, 12).
-
-    Every state is written as a linear map of all inputs; square roots of the weights make the cost one sum of
-    squares.
-    """
-    Q, R, P = weights(q)
-    steps, r, x0 = q.points.steps[row], q.points.state[row], q.x0[row]
-    stances = np.flatnonzero(q.points.stance[row, :steps])
-    maps, offset, states = np.zeros((STATE_SIZE, 12 * len(stances))), x0, []
-    for k, model in enumerate(models(q, row)):
-        maps, offset = model.A @ maps, model.A @ offset + model.d
-        if q.points.stance[row, k]:
-            column = 12 * int(np.searchsorted(stances, k))
-            maps[:, column : column + 12] += model.B
-        states.append((maps.copy(), offset))
-    roots = [np.sqrt(Q)] * (steps - 1) + [np.linalg.cholesky(P).T]
-    left = [root @ m for root, (m, _) in zip(roots, states, strict=True)]
-    right = [root @ (r[k + 1] - o) for k, (root, (_, o)) in enumerate(zip(roots, states, strict=True))]
-    left.append(np.kron(np.eye(len(stances)), np.sqrt(R)))
-    right.append(np.zeros(12 * len(stances)))
-    inputs, *_ = np.linalg.lstsq(np.concatenate(left), np.concatenate(right), rcond=None)
-    return np.stack([x0, *(m @ inputs + o for m, o in states)])
-
-
-def best_inputs(q: Query, state: np.ndarray, row: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """The inputs that explain a trajectory best, none in flight, (steps, 12); and what they leave unexplained."""
-    inputs, left = [], []
-    for k, model in enumerate(models(q, row)):
-        missing = state[k + 1] - model.A @ state[k] - model.d
-        u = np.linalg.lstsq(model.B, missing, rcond=None)[0] if q.points.stance[row, k] else np.zeros(12)
-        inputs.append(u)
-        left.append(missing - model.B @ u)
-    return np.array(inputs), np.array(left)
-
-
-def tracking_cost(q: Query, state: np.ndarray, row: int = 0) -> float:
-    """What a trajectory pays: for its errors, its inputs and its end."""
-    Q, R, P = weights(q)
-    steps = q.points.steps[row]
-    u, _ = best_inputs(q, state, row)
-    e = state[: steps + 1] - q.points.state[row, : steps + 1]
-    running = np.einsum("ki,ij,kj", e[:-1], Q, e[:-1]) + np.einsum("ki,ij,kj", u, R, u)
-    return float(running + e[-1] @ P @ e[-1])
-
-
-# ------------------------------------------------------------------ all oracles
+# ---- all oracles ----
 
 
 @pytest.mark.parametrize("oracle", NAMES)
@@ -242,7 +98,7 @@ def test_answers_move_with_the_robot_along_the_track(oracle):
     np.testing.assert_allclose(there.ask(oracle).state - shift, here.ask(oracle).state, rtol=0, atol=1e-6)
 
 
-# ------------------------------------------------------------------ linear
+# ---- linear ----
 
 
 @pytest.mark.parametrize(("mode", "seed"), CASES)
@@ -286,7 +142,7 @@ def test_what_lies_behind_the_robot_does_not_lift_or_drop_it(oracle, x):
     np.testing.assert_allclose(state[1, Z], height, atol=0.01)
 
 
-# ------------------------------------------------------------------ lqr and preview
+# ---- lqr and preview ----
 
 
 @pytest.mark.parametrize("oracle", ["lqr", "preview"])
@@ -385,74 +241,3 @@ def test_lqr_comes_to_rest_on_a_set_point_that_rests(task):
     state = q.ask("lqr").state[0]
     assert state[-1, Z] == pytest.approx(q.points.state[0, -1, Z], abs=1e-9)
     assert np.abs(state[-1, VEL.start + 2]) < 1e-9
-
-
-# ------------------------------------------------------------------ weights and gains
-
-
-def test_states_without_a_weight_weigh_eps():
-    found = state_weights({"z": 5.0, "vx": 2.0, "x": 0.0}, eps=1e-6)
-    expected = {name: 1e-6 for name in STATE_NAMES} | {"z": 5.0, "vx": 2.0}
-    np.testing.assert_array_equal(found, list(expected.values()))
-
-
-def test_input_weights_follow_the_order_of_the_inputs():
-    values = {name: float(i) for i, name in enumerate(INPUT_NAMES)}
-    np.testing.assert_array_equal(input_weights(dict(reversed(values.items()))), np.arange(6.0))
-
-
-@pytest.mark.parametrize("task", ["parkour", "dive"])
-@pytest.mark.parametrize("mean_rpy", [(0.0, 0.0, 0.0), (0.0, 2.5, 0.0), (-3.0, 0.0, 0.0)])
-def test_stationary_gain_equals_control_dlqr_of_all_twelve_inputs(task, mean_rpy):
-    q = query(task, [(ModeCall("settle", {}),)], np.zeros((1, STATE_SIZE)))
-    Q, R, _ = weights(q)
-    model = srb_dynamics(q.plant().srb, q.plant().dt, np.array(mean_rpy))
-    K, P, poles = control.dlqr(model.A, model.B, Q, R, method="scipy")
-    gains = stationary_gains(q.plant(), **q.params(), mean_rpy=mean_rpy)
-    np.testing.assert_allclose(gains.K, K, rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(gains.P, P, rtol=1e-10, atol=1e-10)
-    assert np.abs(poles).max() < 1
-
-
-@pytest.mark.parametrize("r", ["front", "left"])
-def test_lqr_moves_as_twelve_inputs_with_the_gain_of_control_dlqr_would(r):
-    """Half of the weight on each of two feet is the same as 6 inputs that carry it all."""
-    x0 = np.linspace(-0.2, 0.2, STATE_SIZE)[None] + np.eye(STATE_SIZE)[Z] * 1.5
-    q = query("dive", [(ModeCall("flip", {"r": r, "h": 1.0}),)], x0)
-    Q, R, _ = weights(q)
-    weight = np.zeros(12)
-    weight[[2, 5]] = 0.5 * q.plant().srb.mass * GRAVITY
-    x, expected = x0[0], [x0[0]]
-    for k, model in enumerate(models(q)):
-        u = np.zeros(12)
-        if q.points.stance[0, k]:
-            K, _, _ = control.dlqr(model.A, model.B, Q, R, method="scipy")
-            u = weight - K @ (x - q.points.state[0, k])
-        x = model.A @ x + model.B @ u + model.d
-        expected.append(x)
-    np.testing.assert_allclose(q.ask("lqr").state[0], expected, rtol=0, atol=1e-9)
-
-
-def test_a_robot_with_four_feet_has_the_gain_of_control_dlqr_of_all_its_inputs():
-    q = query("parkour", [(ModeCall("settle", {}),)], np.zeros((1, STATE_SIZE)))
-    Q, R, _ = weights(q)
-    model = srb_dynamics(q.plant().srb, q.plant().dt, np.zeros(3))
-    force, moment = slice(0, 3), slice(6, 9)  # of the first foot; the others are the same
-    B = np.concatenate([model.B[:, force]] * 4 + [model.B[:, moment]] * 4, axis=1)
-    R = np.diag(np.concatenate([np.diag(R)[force]] * 4 + [np.diag(R)[moment]] * 4))
-    K, P, _ = control.dlqr(model.A, B, Q, R, method="scipy")
-    gains = stationary_gains(replace(q.plant(), feet=4), **q.params(), mean_rpy=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(gains.P, P, rtol=1e-9, atol=1e-9)
-    for total, part in ((gains.K[:6], K[:12]), (gains.K[6:], K[12:])):
-        np.testing.assert_allclose(total.reshape(2, 3, 12).sum(axis=0), part.reshape(4, 3, 12).sum(axis=0), atol=1e-8)
-
-
-@pytest.mark.parametrize("oracle", ["lqr", "preview"])
-def test_four_feet_move_the_body_as_two_of_half_the_weight(oracle):
-    q = query("dive", [(ModeCall("flip", {"r": "front", "h": 1.0}),)], np.eye(STATE_SIZE)[[Z]] * 1.4)
-    Q, R, eps = q.params().values()
-    ask = partial(oracles.get(oracle), q.points, q.x0, Q=Q, eps=eps)
-    four = ask(plant=replace(q.plant(), feet=4), R=R).state
-    two = ask(plant=q.plant(), R={name: weight / 2 for name, weight in R.items()}).state
-    np.testing.assert_allclose(four, two, atol=1e-12)
-    assert np.abs(four - ask(plant=q.plant(), R=R).state).max() > 1e-4

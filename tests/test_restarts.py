@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_env import actions, assert_same, ended, play
+from batches import actions, assert_same, ended, play
 
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import load_task

@@ -1,0 +1,180 @@
+"""Overrides of a task: what they set, and the one sentence that every mistake gets."""
+
+import copy
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
+
+from ogmp_sb3 import load_task
+from ogmp_sb3.config import apply_overrides, task_from_data
+from ogmp_sb3.ranges import Range
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value"),
+    [
+        ("rho=1e-3", "rho", 1e-3),
+        ("rho=2", "rho", 2.0),
+        ("rho=null", "rho", None),
+        ("horizon=15", "horizon", 15),
+        ("oracle=lqr", "oracle", "lqr"),
+        ("curriculum=null", "curriculum", None),
+        ("feedback=[x, z]", "feedback", ("x", "z")),
+        ("modes.jump.h=[0.1,2e-1]", "modes.jump.h", Range(0.1, 0.2)),
+        ("bound.z=1", "bound", {"x": 1.0, "z": 1.0}),
+        ("bound={x: 0, z: 1}", "bound", {"x": 0.0, "z": 1.0}),
+        ("rewards.body_contact=null", "rewards.body_contact", None),
+        ("observations.height_scan.points=5", "observations.height_scan.points", 5),
+        ("terminations.off_track={}", "terminations.off_track", {}),
+        ("gait={height: 1}", "gait.height", 1.0),
+        ("evaluation.episode_steps=7", "evaluation.episode_steps", 7),
+    ],
+)
+def test_an_override_sets_a_dotted_key_and_leaves_the_rest(text: str, key: str, value: Any) -> None:
+    task = load_task("parkour", [text])
+    given_key, _, given_text = text.partition("=")
+    assert task == load_task("parkour", {given_key: yaml.safe_load(re.sub(r"(\d)e", r"\1.0e", given_text))})
+    found: Any = task
+    for name in key.split("."):
+        found = found[name] if isinstance(found, dict) else getattr(found, name)
+    assert found == value
+    assert type(found) is type(value)
+    plain = load_task("parkour")
+    changed = {f.name for f in dataclasses.fields(task) if getattr(task, f.name) != getattr(plain, f.name)}
+    assert changed == {key.split(".")[0]}
+
+
+@pytest.mark.parametrize(("key", "value", "kind"), [m[:3] for m in MISTAKES if not isinstance(m[1], dict)])
+def test_a_mistake_in_an_override_gets_the_same_sentence_as_in_the_file(
+    key: str, value: Any, kind: type[Exception]
+) -> None:
+    path = Path("/nowhere/mine.yaml")
+    with pytest.raises(kind) as in_file:
+        task_from_data(put(SHIPPED["parkour"], key, value), path)
+    data = apply_overrides(copy.deepcopy(SHIPPED["parkour"]), {key: value}, str(path))
+    with pytest.raises(kind) as in_override:
+        task_from_data(data, path)
+    assert in_override.value.args == in_file.value.args
+
+
+def test_overrides_apply_in_order() -> None:
+    assert load_task("parkour", ["rho=1", "rho=2"]).rho == 2.0
+    assert load_task("parkour", ["curriculum=null", "curriculum.step=0.2"]).curriculum.step == 0.2
+    assert load_task("parkour", ["curriculum=null", "curriculum.step=0.2"]).curriculum.modes == {}
+
+
+def test_nested_mappings_lists_tuples_and_numpy_numbers_are_overrides_too() -> None:
+    expected = load_task("parkour", ["modes.jump.h=[0.1,0.2]", "rho=0.25", "feedback=[x]"])
+    nested = {"modes": {"jump": {"h": (0.1, 0.2)}}, "rho": np.float64(0.25), "feedback": ("x",)}
+    assert load_task("parkour", nested) == expected
+    assert load_task("parkour", {"modes": {"jump.h": [0.1, 0.2]}, "rho": 0.25, "feedback": ["x"]}) == expected
+    assert load_task("parkour", (o for o in ["modes.jump.h=[0.1,0.2]", "rho=0.25", "feedback=[x]"])) == expected
+
+
+def test_a_group_that_the_file_leaves_out_can_be_overridden(tmp_path: Path) -> None:
+    path = write(tmp_path, put(put(SHIPPED["parkour"], "gait", MISSING), "evaluation", MISSING))
+    task = load_task(path, ["gait.height=0.6", "evaluation.episode_steps=50"])
+    assert (task.gait.height, task.gait.cycle, task.evaluation.episode_steps) == (0.6, 0.25, 50)
+
+
+def test_a_mode_and_a_term_can_be_added_by_dotted_keys() -> None:
+    task = load_task("dive", ["modes.pace.v=[0.1,1]", "observations.height_scan={points: 3, spacing: 0.1}"])
+    assert task.modes["pace"] == {"v": Range(0.1, 1.0)}
+    assert list(task.observations) == ["proprioception", "clock", "mode_latent", "height_scan"]
+
+
+def test_overriding_one_of_two_oracles_that_share_their_weights_leaves_the_other() -> None:
+    params = load_task("parkour", ["oracle_params.preview.Q.x=7"]).oracle_params
+    assert (params["preview"]["Q"]["x"], params["lqr"]["Q"]["x"]) == (7.0, 0.0)
+
+
+def test_null_switches_a_mode_off_with_its_weights_and_curriculum() -> None:
+    task = load_task("parkour", ["modes.jump=null"])
+    assert list(task.mode_ranges) == ["pace", "leap"]
+    assert list(task.sampling.weights) == ["pace", "leap"]
+    assert list(task.curriculum.weights) == ["pace", "leap"]
+    assert list(task.curriculum.modes) == ["pace", "leap"]
+
+
+def test_null_cannot_switch_off_a_mode_that_a_sequence_needs() -> None:
+    assert "'sampling.sequence' has 'settle' (allowed: flip)" in sentence(KeyError, "dive", ["modes.settle=null"])
+
+
+def test_overrides_are_not_changed() -> None:
+    overrides = {"curriculum": {"weights": {"pace": 1.0}}, "curriculum.weights.jump": 0.5}
+    before = copy.deepcopy(overrides)
+    task = load_task("parkour", overrides)
+    assert overrides == before
+    overrides["curriculum"]["weights"]["pace"] = 9.0  # type: ignore[index]
+    assert task.curriculum is not None
+    assert task.curriculum.weights["pace"] == 1.0
+
+
+def test_parameters_of_terms_and_oracles_have_the_types_that_functions_ask_for() -> None:
+    task = load_task("parkour", ["oracle_params.preview.eps=1", "rewards.body_contact.weight=-1"])
+    assert isinstance(task.oracle_params["preview"]["eps"], float)
+    assert isinstance(task.rewards["body_contact"]["weight"], float)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "kind", "message"),
+    [
+        (["rho"], ValueError, "override 'rho' must have the form key=value"),
+        (["=3"], ValueError, "override '=3' must have the form key=value"),
+        (["rho="], ValueError, "override 'rho=' must have the form key=value (null for nothing)"),
+        ([None], ValueError, "override 'None' must have the form key=value"),
+        (["rho=["], ValueError, "override 'rho=[' has a value that is not YAML"),
+        (["rho=a: b: c"], ValueError, "has a value that is not YAML"),
+        (["rho=!!python/name:os.system"], ValueError, "has a value that is not YAML"),
+        (["rho=" + "9" * 5000], ValueError, "has a value that is not YAML"),
+        (["rho.x=3"], TypeError, "'rho' is the number 0.5: it has no 'x' to set"),
+        (["modes.jump.h.low=3"], TypeError, "'modes.jump.h' is the list [0.2, 0.35]: it has no 'low' to set"),
+        (["feedback.0=x"], TypeError, "'feedback' is the list"),
+        (["modes.jum.h=1"], KeyError, "unknown mode 'jum'"),
+        (["mode.jump.h=1"], KeyError, "'mode' is not a known key"),
+        (["rho..x=1"], TypeError, "'rho' is the number 0.5"),
+        ([".rho=1"], KeyError, "'' is not a known key"),
+        (["a.b.c=1"], KeyError, "'a' is not a known key"),
+        ({"rh\no": 1}, KeyError, r"'rh\no' is not a known key"),
+        ({3: 4}, KeyError, "'3' is not a known key"),
+        ({None: 4}, KeyError, "'None' is not a known key"),
+        ({"rho": object()}, TypeError, "'rho' must be a number, found the value <object object"),
+        ({"rho": {"x": 1}}, TypeError, "'rho' must be a number, found a mapping"),
+        ("rho=3", TypeError, "overrides must be a mapping or a list of key=value, found the text 'rho=3'"),
+        (b"rho=3", TypeError, "overrides must be a mapping or a list of key=value"),
+        (3, TypeError, "overrides must be a mapping or a list of key=value, found the number 3"),
+        (None, TypeError, "overrides must be a mapping or a list of key=value, found nothing"),
+    ],
+)
+def test_a_mistaken_override_is_one_sentence(overrides: Any, kind: type[Exception], message: str) -> None:
+    assert message in sentence(kind, "parkour", overrides)
+
+
+# ---- apply_overrides, task_from_data ----
+
+
+def test_overrides_of_plain_data_are_put_in_place() -> None:
+    data = copy.deepcopy(SHIPPED["parkour"])
+    assert apply_overrides(data, ["modes.jump.h=1"], "t") is data
+    assert data["modes"]["jump"]["h"] == 1
+
+
+def test_plain_data_that_is_no_mapping_is_an_error() -> None:
+    with pytest.raises(TypeError, match=r"^t\.yaml must be a mapping, found the list \[\]\.$"):
+        task_from_data([], Path("t.yaml"))  # type: ignore[arg-type]
+
+
+def test_reading_a_task_leaves_its_data_alone() -> None:
+    data = copy.deepcopy(SHIPPED["parkour"])
+    task = task_from_data(data, Path("t.yaml"))
+    assert data == SHIPPED["parkour"]
+    data["oracle_params"]["preview"]["Q"]["z"] = 0.0
+    data["rewards"]["body_contact"]["weight"] = 0.0
+    assert task.oracle_params["preview"]["Q"]["z"] == 11000.0
+    assert task.rewards["body_contact"] == {"weight": -0.3}
