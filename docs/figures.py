@@ -78,7 +78,7 @@ def draw_reported(names: set[str]) -> None:
 def draw_viewer() -> None:
     """The browser viewer while it plays parkour."""
     loaded = load_policy("parkour")
-    viewer = Viewer(Player(loaded.task, loaded.policy, seed=3), "127.0.0.1", 0)
+    viewer = Viewer(lambda _: Player(loaded.task, loaded.policy, seed=3), "127.0.0.1", 0)
     with tempfile.TemporaryDirectory() as folder:
         browser = Browser(f"http://127.0.0.1:{viewer.server.get_port()}", Path(folder), size=(1400, 900))
         while "Command" not in (browser.javascript("document.body.innerText") or ""):

@@ -81,16 +81,18 @@ def _run(arguments: list[str]) -> None:
     if path is not None:
         check_suffix(path)
     cli.require("viewer", *(("viser",) if path is None else ("PIL", "imageio_ffmpeg")))
-    task, policy = load(config, overrides)
-    if path is not None:
-        gl_library()  # before a long play
-    player = Player(task, policy, config.seed)
-    if path is not None:
-        steps = max(1, round(config.seconds / task.control_dt))
-        write_video([player.frame, *(player.step() for _ in range(steps))], task, path)
-        cli.console().print(str(path))
+
+    def load_player(overrides: list[str]) -> Player:
+        return Player(*load(config, overrides), config.seed)
+
+    if path is None:
+        Viewer(load_player, config.host, config.port, overrides, config.seed).run()
         return
-    Viewer(player, config.host, config.port, config.seed).run()
+    player = load_player(overrides)
+    gl_library()  # before a long play
+    steps = max(1, round(config.seconds / player.task.control_dt))
+    write_video([player.frame, *(player.step() for _ in range(steps))], player.task, path)
+    cli.console().print(str(path))
 
 
 def main() -> None:

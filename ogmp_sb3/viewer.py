@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+import shlex
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from queue import SimpleQueue
 from typing import Any
@@ -29,27 +30,43 @@ REWARD_COLOUR, DEVIATION_COLOUR, RHO_COLOUR = "#2a9d5c", "#2878ff", "#dc3228"
 class Viewer:
     """Plays in a browser. What visitors ask for is queued, and done between two steps by the thread that plays.
 
-    :param player: what is played
+    :param load: makes the player of a task with overrides (``["rho=0.3"]``)
     :param host: address to listen on
     :param port: the next free one is taken if it is in use
+    :param overrides: the first ones
     :param seed: first value of the control that a reset reads
     """
 
-    def __init__(self, player: Player, host: str, port: int, seed: int = 0) -> None:
+    def __init__(
+        self, load: Callable[[list[str]], Player], host: str, port: int, overrides: Iterable[str] = (), seed: int = 0
+    ) -> None:
         import viser
 
+        overrides = list(overrides)
+        player = load(overrides)
         # Browsers open connections that they do not use; each would be logged as an error.
         logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-        self.player = player
+        self._load, self._seed = load, seed
         self.server = viser.ViserServer(host=host, port=port, label="ogmp-play", verbose=False)
-        self.stage = Stage(self.server, player.task, player.frame)
-        self.paused, self.speed = False, 1.0
-        self._before = player.frame  # the frame before the present one, to move smoothly between the two
-        self._share = 1.0  # of the control step between them that has passed
         self._asked: SimpleQueue[Callable[[], object]] = SimpleQueue()
+        self._open(player, shlex.join(overrides))
+
+    def _open(self, player: Player, overrides: str) -> None:
+        """Set the scene and the controls anew.
+
+        :param player: what is played from now on
+        :param overrides: of its task, as on a command line
+        """
+        self.player, frame = player, player.frame
+        self.server.scene.reset()
+        self.server.gui.reset()
+        self.stage = Stage(self.server, player.task, frame)
+        self.paused, self.speed = False, 1.0
+        self._before = frame  # the frame before the present one, to move smoothly between the two
+        self._share = 1.0  # of the control step between them that has passed
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)], maxlen=PLOT_STEPS)
         self._updates, self._last_end = 0, ""
-        self._add_controls(seed)
+        self._add_controls(overrides)
         self.show()
 
     def run(self) -> None:
@@ -128,7 +145,7 @@ class Viewer:
 
     # ------------------------------------------------------------------ controls
 
-    def _add_controls(self, seed: int) -> None:
+    def _add_controls(self, overrides: str) -> None:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
@@ -139,10 +156,11 @@ class Viewer:
             self._set_by(gui.add_checkbox("Pause", False), self, "paused")
             buttons = gui.add_button_group("", ("Step", "Reset"))
             self._set_by(gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0), self, "speed")
-            seed_number = gui.add_number("Seed", seed, min=0, step=1, hint="taken by a reset")
+            seed_number = gui.add_number("Seed", self._seed, min=0, step=1, hint="taken by a reset")
         actions = {"Step": self._single_step, "Reset": lambda: self.player.reset(int(seed_number.value))}
         buttons.on_click(lambda event: self._asked.put(actions[event.target.value]))
         self._add_commands()
+        self._add_overrides(overrides)
         if self.player.policy is not None:
             with gui.add_folder("Push"):
                 strength = gui.add_slider("Velocity", 0.1, 2.0, 0.1, 0.5, hint="m/s")
@@ -178,6 +196,22 @@ class Viewer:
         show_inputs()
         choice.on_update(show_inputs)
         button.on_click(command)
+
+    def _add_overrides(self, overrides: str) -> None:
+        """A field of overrides of the task, and a button to begin anew with them."""
+        gui = self.server.gui
+        with gui.add_folder("Task", expand_by_default=False):
+            field = gui.add_text("Overrides", overrides, hint="e.g. rho=0.3 modes.jump.h=[0.35,0.4]")
+            button = gui.add_button("Apply", hint="begin anew with them")
+            self._mistake = gui.add_markdown("", visible=False)
+
+        def apply() -> None:
+            try:
+                self._open(self._load(shlex.split(field.value)), field.value)
+            except (ValueError, KeyError, TypeError) as error:
+                self._mistake.content, self._mistake.visible = str(error.args[0]), True
+
+        button.on_click(lambda _: self._asked.put(apply))
 
     def _set_by(self, control: Any, target: Any, attribute: str) -> None:
         """Have a control set an attribute."""

@@ -38,7 +38,7 @@ def serve() -> Iterator[Callable[[Player], Viewer]]:
 
     def make(player: Player) -> Viewer:
         with contextlib.redirect_stdout(io.StringIO()):
-            viewers.append(Viewer(player, "127.0.0.1", 0))
+            viewers.append(Viewer(lambda _: player, "127.0.0.1", 0))
         return viewers[-1]
 
     yield make
@@ -171,6 +171,38 @@ def test_a_command_that_cannot_be_carried_out_is_named_on_the_page_and_the_play_
     assert "there is room for" in viewer._last_end
     viewer.advance(STEP)
     assert viewer.player.frame.time > 0
+
+
+def apply(viewer: Viewer, overrides: str) -> None:
+    """Give overrides of the task, as a visitor does."""
+    shown = controls(viewer)
+    shown["Overrides"].value = overrides
+    button = shown["Apply"]
+    for callback in button._impl.update_cb:
+        callback(None)
+    viewer.advance(0.0)
+
+
+def test_overrides_of_the_task_begin_anew_with_its_bound_and_its_modes(tmp_path: Path) -> None:
+    def load_player(overrides: list[str]) -> Player:
+        return Player(load_task("parkour", overrides), None)
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        viewer = Viewer(load_player, "127.0.0.1", 0, ["rho=0.3"])
+    try:
+        assert controls(viewer)["Overrides"].value == "rho=0.3"
+        viewer.advance(10 * STEP)
+        apply(viewer, "rho=0.2 modes.jump=null 'modes.pace.v=[1.0, 1.2]'")
+        player = viewer.player
+        assert (player.task.rho, player.task.modes["pace"]["v"].high) == (0.2, 1.2)
+        assert viewer.stage.rho == 0.2 and player.frame.time == 0.0
+        assert controls(viewer)["Mode"].options == ("pace", "leap")
+        for mistake, sentence in (("roh=1", "Did you mean 'rho'?"), ("rho='", "quotation"), ("rho=a", "a number")):
+            apply(viewer, mistake)
+            assert viewer.player is player
+            assert viewer._mistake.visible and sentence in viewer._mistake.content
+    finally:
+        viewer.server.stop()
 
 
 class Browser:
