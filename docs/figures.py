@@ -37,7 +37,7 @@ REPORTED = {
     "grids.png": "grids.png",
     "latents.png": "latents.png",
 }
-PAGE, VIEWER = "report.png", "play.png"
+PAGE, VIEWER, ROBUSTNESS = "report.png", "play.png", "robustness.png"
 STRIP = (1200, 600)
 CLOSE_NOTICES = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(button => button.click())"
 SETTLED = 4.0  # s of play before the viewer's picture is taken
@@ -75,6 +75,13 @@ def draw_reported(names: set[str]) -> None:
             subprocess.run([CHROMIUM, *flags, f"--screenshot={IMAGES / PAGE}", page], check=True)
 
 
+def draw_robustness() -> None:
+    """How much of each disturbance parkour withstands."""
+    with tempfile.TemporaryDirectory() as folder:
+        program("eval", "run=parkour", "robustness=true", "episodes=50", f"out={folder}")
+        shutil.copy(Path(folder) / ROBUSTNESS, IMAGES / ROBUSTNESS)
+
+
 def draw_viewer() -> None:
     """The browser viewer while it plays parkour."""
     loaded = load_policy("parkour")
@@ -100,7 +107,7 @@ def draw_viewer() -> None:
 
 def main() -> None:
     """Draw what is named, or everything."""
-    known = {*VIDEOS, *REPORTED, PAGE, VIEWER}
+    known = {*VIDEOS, *REPORTED, PAGE, VIEWER, ROBUSTNESS}
     names = set(sys.argv[1:]) or known
     if names - known:
         raise SystemExit(f"figures.py: unknown picture '{min(names - known)}' (allowed: {', '.join(sorted(known))}).")
@@ -108,6 +115,8 @@ def main() -> None:
         draw_video(name)
     if names & {*REPORTED, PAGE}:
         draw_reported(names)
+    if ROBUSTNESS in names:
+        draw_robustness()
     if VIEWER in names:
         draw_viewer()
 

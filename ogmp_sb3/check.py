@@ -13,7 +13,7 @@ from rich.table import Table
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
 from ogmp_sb3.course import standing_deviation
-from ogmp_sb3.definitions import RobotConfig, TaskConfig
+from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.plans import make_oracle
@@ -21,6 +21,7 @@ from ogmp_sb3.plotting import plot_references
 from ogmp_sb3.randomisation import PushConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
+from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, SRB, STATE_SIZE

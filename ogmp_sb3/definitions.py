@@ -1,86 +1,22 @@
-"""What a task file and a robot file say, as frozen, validated dataclasses."""
+"""What a task file says, as frozen, validated dataclasses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
+from ogmp_sb3.curriculum import CurriculumConfig
 from ogmp_sb3.randomisation import RandomisationConfig
-from ogmp_sb3.ranges import Range
+from ogmp_sb3.ranges import ModeRanges, Range
 from ogmp_sb3.restarts import RestartConfig
-from ogmp_sb3.schema import Where, describe, read
-from ogmp_sb3.srb import SRB, STATE_NAMES
+from ogmp_sb3.robot import RobotConfig
+from ogmp_sb3.schema import Where, all_different, describe, not_negative, positive, read
+from ogmp_sb3.srb import STATE_NAMES
 
 MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen, as are more of the next two
 MAX_HORIZON = 10_000  # control steps between queries
 MAX_BOXES = 1_000  # terrain boxes of each simulation
-
-
-def _positive(name: str, value: float) -> None:
-    if not value > 0:
-        raise ValueError(f"'{name}' must be above 0, found {value:g}.")
-
-
-def _not_negative(name: str, weights: Mapping[str, float]) -> None:
-    for key, weight in weights.items():
-        if weight < 0:
-            raise ValueError(f"'{name}.{key}' must be at least 0, found {weight:g}.")
-
-
-def _all_different(name: str, entries: tuple[str, ...]) -> None:
-    for entry in entries:
-        if entries.count(entry) > 1:
-            raise ValueError(f"'{name}' has {entry!r} twice.")
-
-
-ModeRanges = dict[str, dict[str, Range]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotConfig:
-    """``robots/<name>/robot.yaml``."""
-
-    name: str
-    """name of the robot"""
-    mjcf: str
-    """MJCF file, relative to the YAML"""
-    source: str
-    """where the numbers come from"""
-    base: str
-    """the body with the free joint; its origin is p in the paper's reward"""
-    joints: tuple[str, ...]
-    """actuated joints, in the order of actions and observations; actuators have the same names"""
-    feet: tuple[str, ...]
-    """bodies that may touch the ground"""
-    nominal_height: float
-    """base above flat ground in the nominal pose, m"""
-    nominal_joints: tuple[float, ...]
-    """joint positions of the nominal pose, rad"""
-    leg_length: float
-    """for the Froude number, m"""
-    srb: SRB
-    """single rigid body of the oracles"""
-    path: Path = field(default=Path(), metadata={"internal": True})
-    """the YAML file"""
-
-    def __post_init__(self) -> None:
-        if len(self.nominal_joints) != len(self.joints):
-            raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
-        for name in ("nominal_height", "leg_length"):
-            _positive(name, getattr(self, name))
-        for value in (self.srb.mass, *self.srb.inertia):
-            _positive("srb", value)
-        if not self.feet:
-            raise ValueError("'feet' names no body.")
-        _all_different("joints", self.joints)
-        _all_different("feet", self.feet)
-
-    @property
-    def mjcf_path(self) -> Path:
-        """The MJCF file."""
-        return self.path.parent / self.mjcf
 
 
 @dataclass(frozen=True)
@@ -119,7 +55,7 @@ class SamplingConfig:
     def __post_init__(self) -> None:
         if self.order == "sequence" and not self.sequence:
             raise ValueError("order: sequence needs a sequence of modes.")
-        _not_negative("weights", self.weights)
+        not_negative("weights", self.weights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,32 +66,6 @@ class Scene:
     """one sentence"""
     sequence: tuple[SequenceEntry, ...]
     """the modes in order; the last one goes on"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurriculumConfig:
-    """A schedule on Psi_M, driven by success: each environment has a level from 0 to 1 of its own.
-
-    Level 0 samples the weights and ranges given here, level 1 those of the task, levels between them lie between.
-    """
-
-    modes: ModeRanges = field(default_factory=dict)
-    """mode parameters at level 0, where they differ from the task's"""
-    weights: dict[str, float] = field(default_factory=dict)
-    """mode frequencies at level 0, where they differ from the task's"""
-    step: float = 0.05
-    """change of level after an episode"""
-    raise_above: float = 0.8
-    """an episode that lasts longer than this share of its time limit raises the level"""
-    lower_below: float = 0.3
-    """a shorter one lowers it"""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.lower_below <= self.raise_above <= 1:
-            found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
-            raise ValueError(f"0 <= lower_below <= raise_above <= 1 must hold, found {found}.")
-        _positive("step", self.step)
-        _not_negative("weights", self.weights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,9 +80,9 @@ class TrackConfig:
     """terrain boxes of each simulation, recycled ahead of the robot"""
 
     def __post_init__(self) -> None:
-        _positive("width", self.width)
+        positive("width", self.width)
         if self.length is not None:
-            _positive("length", self.length)
+            positive("length", self.length)
         if self.boxes < 2:
             raise ValueError(f"boxes must be at least 2, found {self.boxes}.")
         if self.boxes > MAX_BOXES:
@@ -189,8 +99,8 @@ class GaitConfig:
     """duration of a hop, s; rounded so that a whole number fits the stretch"""
 
     def __post_init__(self) -> None:
-        _positive("height", self.height)
-        _positive("cycle", self.cycle)
+        positive("height", self.height)
+        positive("cycle", self.cycle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,8 +113,8 @@ class ActionConfig:
     """standard deviation of the exploration noise, at the start if it is learned, rad"""
 
     def __post_init__(self) -> None:
-        _positive("scale", self.scale)
-        _positive("noise", self.noise)
+        positive("scale", self.scale)
+        positive("noise", self.noise)
 
 
 Terms = dict[str, dict[str, Any] | None]
@@ -229,8 +139,8 @@ class EvaluationConfig:
         if self.episode_steps < 1:
             raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
         if self.track_length is not None:
-            _positive("track_length", self.track_length)
-        _all_different("metrics", self.metrics)
+            positive("track_length", self.track_length)
+        all_different("metrics", self.metrics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,8 +207,8 @@ class TaskConfig:
     """the robot"""
 
     def __post_init__(self) -> None:
-        _positive("control_dt", self.control_dt)
-        _positive("physics_dt", self.physics_dt)
+        positive("control_dt", self.control_dt)
+        positive("physics_dt", self.physics_dt)
         ratio = self.control_dt / self.physics_dt
         if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
             found = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
@@ -311,10 +221,10 @@ class TaskConfig:
             raise ValueError(f"'horizon' must be at most {MAX_HORIZON} control steps, found {self.horizon}.")
         if self.rho is not None and self.rho <= 0:
             raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
-        _not_negative("bound", self.bound)
+        not_negative("bound", self.bound)
         if not any(self.bound.values()):
             raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")
-        _all_different("feedback", self.feedback)
+        all_different("feedback", self.feedback)
 
     @property
     def substeps(self) -> int:

@@ -84,7 +84,7 @@ class BatchEnv:
         self._rng = [np.random.default_rng() for _ in range(num_envs)]
         self._ended = np.zeros(num_envs, dtype=bool)
         self.restarted = np.zeros(num_envs, dtype=bool)  # the episode began before an earlier fall
-        self.restarts = Restarts(task.restarts, num_envs, self._moments(np.arange(1)).shape[1])
+        self.restarts = Restarts(task.restarts, num_envs, snapshots.pack(self._moment_arrays(), np.arange(1)).shape[1])
         self.seed(seed)
         self.reset()
         self.observation_scale = self._signals(self.view(), None)[1]
@@ -181,12 +181,7 @@ class BatchEnv:
         rows = np.array(list(moments))
         self.sim.vary(rows, **self.disturbances.begin(rows))
         self.sim.place(rows, np.zeros((len(rows), 3)), self._nominal)
-        used = 0
-        vectors = np.stack([vector for vector, _ in moments.values()])
-        for array in self._moment_arrays():
-            size = int(np.prod(array.shape[1:]))
-            array[rows] = vectors[:, used : used + size].reshape(-1, *array.shape[1:])
-            used += size
+        snapshots.unpack(self._moment_arrays(), rows, np.stack([vector for vector, _ in moments.values()]))
         for row, (_, modes) in moments.items():
             self.course.modes[row] = mode_calls(modes)
         self.sim.set_terrain(rows, self.terrain[rows])
@@ -194,10 +189,6 @@ class BatchEnv:
     def _moment_arrays(self) -> list[np.ndarray]:
         """What an environment is put back to."""
         return [*self.plans.arrays().values(), *self.course.arrays().values(), self.sim.batch.state]
-
-    def _moments(self, rows: np.ndarray) -> np.ndarray:
-        """The present moments of some environments as vectors, shape (n, size)."""
-        return np.concatenate([array[rows].reshape(len(rows), -1) for array in self._moment_arrays()], axis=1)
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -365,17 +356,14 @@ class BatchEnv:
         rows = self.restarts.due(self.step_count)
         if len(rows):
             laid = np.array([len(self.modes[row]) for row in rows])
-            self.restarts.remember(rows, self.step_count[rows], self._moments(rows), laid)
+            self.restarts.remember(rows, self.step_count[rows], snapshots.pack(self._moment_arrays(), rows), laid)
 
     def _update_levels(self, rows: np.ndarray) -> None:
         curriculum = self.task.curriculum
-        if curriculum is None:
-            return
-        lasted = self.step_count[rows] / self.task.episode_steps
-        change = np.where(lasted > curriculum.raise_above, 1.0, np.where(lasted < curriculum.lower_below, -1.0, 0.0))
-        # An episode that was broken off says nothing, nor does one that began before a fall.
-        change *= curriculum.step * (self._ended[rows] & ~self.restarted[rows])
-        self.level[rows] = np.clip(self.level[rows] + change, 0.0, 1.0)
+        if curriculum is not None:
+            # An episode that was broken off says nothing, nor does one that began before a fall.
+            said = rows[self._ended[rows] & ~self.restarted[rows]]
+            self.level[said] = curriculum.moved(self.level[said], self.step_count[said] / self.task.episode_steps)
 
     def _lay_ahead(self, rows: np.ndarray) -> None:
         """Recycle terrain boxes and spans so that the track goes on ahead of every robot."""

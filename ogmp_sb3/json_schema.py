@@ -19,7 +19,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ogmp_sb3 import registry
-from ogmp_sb3.definitions import CurriculumConfig, EvaluationConfig, SamplingConfig, TaskConfig
+from ogmp_sb3.curriculum import CurriculumConfig
+from ogmp_sb3.definitions import EvaluationConfig, SamplingConfig, TaskConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import Registry
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES

@@ -59,3 +59,7 @@ class Range:
     def corners(self) -> tuple[float | str, ...]:
         """The extreme values."""
         return self.words or (self.low, self.high)
+
+
+ModeRanges = dict[str, dict[str, Range]]
+"""mode -> parameter -> range"""

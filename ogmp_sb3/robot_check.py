@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ogmp_sb3.definitions import RobotConfig
+from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.rotations import quat_rotate
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import SRB

@@ -11,6 +11,7 @@ import dataclasses
 import math
 import types
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -179,3 +180,32 @@ def describe(data: Any) -> str:
     names = {list: "the list", tuple: "the list", str: "the text", int: "the number", float: "the number"}
     text = " ".join(repr(data).split())
     return f"{names.get(type(data), 'the value')} {text if len(text) <= LONGEST else text[:LONGEST] + '...'}"
+
+
+def positive(name: str, value: float) -> None:
+    """Check a number of a dataclass.
+
+    :raises ValueError: if it is not above 0
+    """
+    if not value > 0:
+        raise ValueError(f"'{name}' must be above 0, found {value:g}.")
+
+
+def not_negative(name: str, weights: Mapping[str, float]) -> None:
+    """Check weights of a dataclass.
+
+    :raises ValueError: if one is below 0
+    """
+    for key, weight in weights.items():
+        if weight < 0:
+            raise ValueError(f"'{name}.{key}' must be at least 0, found {weight:g}.")
+
+
+def all_different(name: str, entries: tuple[str, ...]) -> None:
+    """Check names of a dataclass.
+
+    :raises ValueError: if one is there twice
+    """
+    for entry in entries:
+        if entries.count(entry) > 1:
+            raise ValueError(f"'{name}' has {entry!r} twice.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -24,3 +24,17 @@ def put_back(arrays: Mapping[str, np.ndarray], saved: Mapping[str, np.ndarray], 
                 f"the saved state does not fit this task and {len(values)} environments ({prefix + name})."
             )
         values[...] = copy
+
+
+def pack(arrays: Sequence[np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """Some rows of all arrays side by side, shape (n, numbers of a row)."""
+    return np.concatenate([array[rows].reshape(len(rows), -1) for array in arrays], axis=1)
+
+
+def unpack(arrays: Sequence[np.ndarray], rows: np.ndarray, packed: np.ndarray) -> None:
+    """Write what :func:`pack` gave into rows of the arrays."""
+    used = 0
+    for array in arrays:
+        size = int(np.prod(array.shape[1:]))
+        array[rows] = packed[:, used : used + size].reshape(-1, *array.shape[1:])
+        used += size

@@ -11,7 +11,7 @@ from mistakes import MISSING, ROBOT, SHIPPED, put, write
 
 from ogmp_sb3 import load_task
 from ogmp_sb3.config import load_robot
-from ogmp_sb3.definitions import RobotConfig
+from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.srb import STATE_NAMES
 
 # ---- RobotConfig ----

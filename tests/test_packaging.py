@@ -25,7 +25,7 @@ LAYERS = (
     {"schema", "srb"},
     {"ranges"},
     {"snapshots"},
-    {"randomisation", "restarts"},
+    {"randomisation", "restarts", "curriculum", "robot"},
     {"definitions"},
     {"config", "json_schema"},
     {"scenes"},

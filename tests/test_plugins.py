@@ -24,7 +24,6 @@ from jsonschema import Draft202012Validator
 import ogmp_sb3
 from ogmp_sb3 import registry
 from ogmp_sb3.config import load_robot, load_task, task_names, task_path
-from ogmp_sb3.definitions import RobotConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.modes import Contact
@@ -32,6 +31,7 @@ from ogmp_sb3.oracles import Plant
 from ogmp_sb3.plugins import NameTaken
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.reference import SetPoints
+from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.sim import build_model

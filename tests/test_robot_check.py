@@ -11,7 +11,7 @@ import pytest
 
 from ogmp_sb3.check import rigid_body, stance
 from ogmp_sb3.config import load_robot
-from ogmp_sb3.definitions import RobotConfig
+from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sim import build_model
 from ogmp_sb3.srb import SRB

@@ -1,0 +1,54 @@
+"""What a robot file says, as a frozen, validated dataclass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ogmp_sb3.schema import all_different, positive
+from ogmp_sb3.srb import SRB
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotConfig:
+    """``robots/<name>/robot.yaml``."""
+
+    name: str
+    """name of the robot"""
+    mjcf: str
+    """MJCF file, relative to the YAML"""
+    source: str
+    """where the numbers come from"""
+    base: str
+    """the body with the free joint; its origin is p in the paper's reward"""
+    joints: tuple[str, ...]
+    """actuated joints, in the order of actions and observations; actuators have the same names"""
+    feet: tuple[str, ...]
+    """bodies that may touch the ground"""
+    nominal_height: float
+    """base above flat ground in the nominal pose, m"""
+    nominal_joints: tuple[float, ...]
+    """joint positions of the nominal pose, rad"""
+    leg_length: float
+    """for the Froude number, m"""
+    srb: SRB
+    """single rigid body of the oracles"""
+    path: Path = field(default=Path(), metadata={"internal": True})
+    """the YAML file"""
+
+    def __post_init__(self) -> None:
+        if len(self.nominal_joints) != len(self.joints):
+            raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
+        for name in ("nominal_height", "leg_length"):
+            positive(name, getattr(self, name))
+        for value in (self.srb.mass, *self.srb.inertia):
+            positive("srb", value)
+        if not self.feet:
+            raise ValueError("'feet' names no body.")
+        all_different("joints", self.joints)
+        all_different("feet", self.feet)
+
+    @property
+    def mjcf_path(self) -> Path:
+        """The MJCF file."""
+        return self.path.parent / self.mjcf
