@@ -9,6 +9,7 @@ and, if it observes the mode latent, ``encoder/``. A checkpoint of a training is
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 import warnings
 from dataclasses import dataclass
@@ -44,6 +45,7 @@ from ogmp_sb3.storage import (
 from ogmp_sb3.trainer import set_state, state
 
 FORMAT = 1
+CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples
 WEIGHTS, INFO = "policy.safetensors", "policy.json"
 TRAINER = ("trainer.safetensors", "trainer.json")
 ENCODER = "encoder"  # directory beside the weights: the encoder a policy was trained with
@@ -83,8 +85,9 @@ class LoadedPolicy:
 
     @property
     def digest(self) -> str:
-        """Which policy it is: the beginning of the SHA-256 of its files."""
-        return hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest()[:16]
+        """Which policy it is, and of which task: the beginning of the SHA-256 of its files and of the task's data."""
+        task = json.dumps(self.task_data, sort_keys=True).encode()
+        return hashlib.sha256(b"".join([*(file.read_bytes() for file in self.files), task])).hexdigest()[:16]
 
 
 def save_checkpoint(
@@ -249,7 +252,7 @@ def policy_dir(run: str | Path) -> Path:
     path = Path(run)
     if (path / INFO).is_file():
         return path
-    if (path / "checkpoints").is_dir():
+    if (path / CHECKPOINTS).is_dir():
         return latest_checkpoint(path)
     shipped = POLICIES_DIR / str(run)
     if len(path.parts) == 1 and (shipped / INFO).is_file():
@@ -260,7 +263,7 @@ def policy_dir(run: str | Path) -> Path:
 
 def checkpoint_dirs(run_dir: Path) -> list[Path]:
     """All checkpoints of a run, oldest first."""
-    found = (run_dir / "checkpoints").glob("[0-9]*")
+    found = (run_dir / CHECKPOINTS).glob("[0-9]*")
     return sorted(p for p in found if p.name.isdecimal() and (p / INFO).is_file())
 
 

@@ -7,6 +7,8 @@ none has a bound: training returns of different bounds cannot be compared.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +25,7 @@ from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, read_run, read_sweep
 from ogmp_sb3.schema import Where, read, read_value, read_yaml
+from ogmp_sb3.training import RESUMABLE
 
 SEARCHES = PACKAGE / "conf" / "search"
 SCORES = "halving.jsonl"  # in the directory of the search
@@ -60,7 +63,7 @@ def search(name: str, arguments: list[str], multirun: Callable[[list[str]], obje
         raise KeyError(f"unknown search '{name}'{did_you_mean(name, (p.stem for p in SEARCHES.glob('*.yaml')))}")
     config = read(SearchConfig, read_yaml(file), Where(str(file)))
     given = {key: value for key, sign, value in (argument.partition("=") for argument in arguments) if sign}
-    values = [_word(_value(config.key, v)) for v in given.get(config.key, ",".join(config.values)).split(",")]
+    values = [_plain_value(config.key, v) for v in given.get(config.key, ",".join(config.values)).split(",")]
     default = str(read_yaml(DEFAULTS)["total_timesteps"])
     samples = _value("total_timesteps", given.get("total_timesteps", default))
     total = read(int, samples, Where("ogmp-train", "total_timesteps"))
@@ -95,10 +98,29 @@ def _ranked(
         for job in jobs:
             if _word(job.setting(config.key)) == value:
                 name = job.path.relative_to(folder).as_posix()
-                settings = {"job": name, "samples": samples, "episodes": config.episodes}
+                settings = {"job": name, "run": _identity(job), "samples": samples, "episodes": config.episodes}
+                if settings not in known and _is_beyond(job, samples):
+                    raise ValueError(
+                        f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
+                        f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
+                    )
                 scores.append(known.remember(settings, lambda job=job: _score(job, config.episodes)))  # type: ignore[misc]
         ranked.append((np.mean(scores, axis=0).tolist(), value))
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
+
+
+def _identity(job: Run) -> str:
+    """What tells a training from another one in the same directory."""
+    train = {key: value for key, value in job.config.get("train", {}).items() if key not in RESUMABLE}
+    data = json.dumps([job.config.get("task"), train, job.config.get("versions")], sort_keys=True)
+    return hashlib.sha256(data.encode()).hexdigest()[:16]
+
+
+def _is_beyond(job: Run, samples: int) -> bool:
+    """Whether a job has trained for far more samples than were asked for, which are rounded up to whole rollouts."""
+    train = job.config.get("train", {})
+    rollout: int = train.get("num_envs", 0) * train.get("ppo", {}).get("n_steps", 0)
+    return job.samples >= max(2 * samples, samples + rollout)
 
 
 def _score(job: Run, episodes: int) -> list[float]:
@@ -108,6 +130,17 @@ def _score(job: Run, episodes: int) -> list[float]:
     task = replace(task, evaluation=replace(task.evaluation, metrics=("return",)))
     metrics = measure(loaded.policy, task, episodes, seed=0)["metrics"]
     return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
+
+
+def _plain_value(key: str, text: str) -> str:
+    """One value of the key that varies.
+
+    :raises ValueError: for an expression of Hydra's, such as ``range(1,3)``
+    """
+    value = _value(key, text)
+    if any(mark in text for mark in "()[]{}"):
+        raise ValueError(f"'{key}={text}': a search takes plain values with commas between them, e.g. {key}=0.1,0.3.")
+    return _word(value)
 
 
 def _value(key: str, text: str) -> object:

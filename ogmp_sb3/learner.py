@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo
 from ogmp_sb3.recurrent import RecurrentPPO
+
+OURS = ("chunk_length", "learning_rate_half_life", "learn_noise")
+"""Arguments of our class that sb3-contrib's does not have."""
 
 
 def make_model(
@@ -32,9 +36,11 @@ def make_model(
     network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise)
     settings = ppo.settings()
     if not issubclass(kind, RecurrentPPO):
-        del settings["chunk_length"]
+        for name in OURS:
+            del settings[name]
     model = kind("MlpLstmPolicy", env, seed=seed, device="cpu", policy_kwargs=network, **settings)
-    model.policy.log_std.requires_grad_(ppo.learn_noise)
-    # By samples, not by the share that is done: a run does not depend on how far it will go.
-    model.lr_schedule = lambda _: ppo.learning_rate_at(model.num_timesteps)
+    if not issubclass(kind, RecurrentPPO):
+        half_life = ppo.learning_rate_half_life or math.inf
+        model.policy.log_std.requires_grad_(ppo.learn_noise)
+        model.lr_schedule = lambda _: ppo.learning_rate * 0.5 ** (model.num_timesteps / half_life)
     return model

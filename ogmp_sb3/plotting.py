@@ -113,8 +113,7 @@ def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
         axes.set_ylabel("episodes without a fall")
     if any(result["declared"] for result in results):
         figure.suptitle("Grey: declared in the task", fontsize="medium")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save(figure, path)
 
 
 def plot_references(
@@ -141,27 +140,6 @@ def plot_references(
         axes.set(title=title, xlabel="time (s)", ylabel="base height (m)")
     grid.flat[0].legend(fontsize="small")
     figure.suptitle("References by mode (grey: stance)")
-    save(figure, path)
-
-
-def plot_learning_curves(runs: dict[str, Path], path: Path, smooth: int = 5) -> None:
-    """Return and episode length of training over samples, one line a run.
-
-    :param runs: label -> run directory
-    :param path: picture to write
-    :param smooth: rows of progress.csv to average over
-    """
-    figure, panels = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
-    for label, run in runs.items():
-        log = np.genfromtxt(run / "progress.csv", delimiter=",", names=True, deletechars="", ndmin=1)
-        samples = log["time/total_timesteps"] / 1e6
-        for axes, column in zip(panels, ("episode/return", "episode/length"), strict=True):
-            weights = np.ones(smooth)
-            smoothed = np.convolve(log[column], weights, "same") / np.convolve(np.ones(len(log)), weights, "same")
-            axes.plot(samples, smoothed, label=label)
-            axes.set(xlabel="samples (millions)", ylabel=f"{column.split('/')[1]} of training episodes")
-            axes.grid(alpha=0.3)
-    panels[0].legend(fontsize="small")
     save(figure, path)
 
 

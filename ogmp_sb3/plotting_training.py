@@ -86,6 +86,8 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
     for axes, panel in zip(grid.flat, panels, strict=False):
         for line, colour in colours.items():
             mine = [row for row in rows if (row["panel"], row["line"]) == (panel, line)]
+            if not mine:  # of a job that has not begun
+                continue
             x, mean, low, high = (
                 np.array([row[name] for row in mine]) for name in ("samples", "mean", "low", "high")
             )  # fmt: skip

@@ -92,16 +92,10 @@ class PPOConfig:
                 f"'learning_rate_half_life' must be above 0 or null, found {self.learning_rate_half_life:g}."
             )
 
-    def learning_rate_at(self, samples: int) -> float:
-        """The learning rate after so many samples."""
-        if self.learning_rate_half_life is None:
-            return self.learning_rate
-        return float(self.learning_rate * 0.5 ** (samples / self.learning_rate_half_life))
-
     def settings(self) -> dict[str, Any]:
         """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
         values = asdict(self)
-        for name in ("learning_rate_half_life", "learn_noise", "lstm_hidden_size", "n_lstm_layers"):
+        for name in ("lstm_hidden_size", "n_lstm_layers"):
             del values[name]
         return values
 

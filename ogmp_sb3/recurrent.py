@@ -37,6 +37,8 @@ class RecurrentPPO(StockRecurrentPPO):
 
     :param chunk_length: None: sequences, minibatches and gradients of sb3-contrib; a number: the rollout is cut into
         chunks of that many steps (truncated back-propagation from the stored state), shuffled in every epoch
+    :param learning_rate_half_life: samples over which the learning rate halves; None: as in sb3-contrib
+    :param learn_noise: whether the exploration noise is learned; False: it stays as it begins
     """
 
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
@@ -53,16 +55,33 @@ class RecurrentPPO(StockRecurrentPPO):
     _last_episode_starts: Any
     _last_lstm_states: Any
 
-    def __init__(self, *args: Any, chunk_length: int | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        chunk_length: int | None = None,
+        learning_rate_half_life: int | None = None,
+        learn_noise: bool = True,
+        **kwargs: Any,
+    ) -> None:
         self.chunk_length = chunk_length
+        self.learning_rate_half_life, self.learn_noise = learning_rate_half_life, learn_noise
         self.undone_updates = self.undone_in_a_row = 0  # because something was not finite
         super().__init__(*args, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "lr_schedule"]  # it follows from learning_rate
+        return [*super()._excluded_save_params(), "lr_schedule"]  # it is set up anew
+
+    def _setup_lr_schedule(self) -> None:
+        super()._setup_lr_schedule()
+        half_life, schedule = self.learning_rate_half_life, self.lr_schedule
+        if half_life is not None:
+            # By samples, not by the share that is done: a run does not depend on how far it will go.
+            self.lr_schedule = lambda progress: schedule(progress) * 0.5 ** (self.num_timesteps / half_life)
 
     def _setup_model(self) -> None:
         super()._setup_model()
+        if not self.learn_noise:
+            self.policy.log_std.requires_grad_(False)
         self._fast = (
             isinstance(self.policy, LstmPolicy)
             and self.policy.lstm_critic is not None

@@ -90,6 +90,8 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     if (folder / MULTIRUN).is_file():
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
     run = read_run(folder) if (folder / CONFIG).is_file() else None
+    if run is None and config.policy == "best":
+        raise ValueError(f"'policy' chooses among those of a run directory, and '{name}' is none.")
     loaded = load_policy(folder / "best" if run and config.policy == "best" else name, config.trust, config.task)
     out = Path(config.out) if config.out else default_out(name, loaded, "report")
     subject = Subject(loaded, overrides, owner(name) or out)

@@ -167,13 +167,20 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
     for job in sweep.jobs:
         subject = subjects.get(job.path)
         samples = "none" if subject is None or subject.samples is None else f"{subject.samples:,}"
-        remark = standing_still(subject.task) if subject else notes.get(job.path)
+        remarks = [standing_still(subject.task) if subject else None, notes.get(job.path)]
         returned = job.final(RETURN)
         rows.append([
             _label(job, sweep), job.state, f"{job.samples:,}", "" if np.isnan(returned) else f"{returned:.1f}", samples,
-            remark or "",
+            ". ".join(filter(None, remarks)),
         ])  # fmt: skip
-    columns = ["job", "state", "samples", "training return", "samples of the policy", "standing still"]
+    columns = [
+        "job",
+        "state",
+        "samples",
+        "training return",
+        "samples of the policy",
+        "standing still, and what went wrong",
+    ]
     text = (
         "The training return is the mean of the last rows of progress.csv. A job that is stopped goes on with "
         "ogmp-train resume=<its directory>; one that failed left no checkpoint; a missing one was asked for but is "

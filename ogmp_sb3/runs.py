@@ -87,6 +87,8 @@ def read_run(path: Path) -> Run:
     for key in ("task", "train"):
         if key in config:
             entry(config, key, dict[str, Any], Where(str(path / CONFIG)))
+    if "total_timesteps" in config.get("train", {}):
+        entry(config["train"], "total_timesteps", int, Where(str(path / CONFIG), "train"))
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
     problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
     return Run(path, overrides, config, log, _state(path, config, log), problem)

@@ -14,6 +14,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import (
+    CHECKPOINTS,
     checkpoint_dirs,
     checkpoint_info,
     copy_policy,
@@ -29,6 +30,10 @@ from ogmp_sb3.schema import Where, read
 from ogmp_sb3.storage import reason, remove, tidy
 from ogmp_sb3.trainer import check_numbers
 from ogmp_sb3.unstable import FOLDER as UNSTABLE
+
+Score = tuple[float, float]
+"""By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
+NOTHING: Score = (-1.0, -1e9)  # below all scores
 
 BEST = "best"  # in a run directory: the best policy so far
 CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
@@ -61,7 +66,7 @@ class Checkpoints(BaseCallback):
         super().__init__()
         self.run_dir, self.config, self.info = run_dir, config, info
         self.statistics, self.unstable, self.average = statistics, unstable, average
-        self.best, self.best_at = -math.inf, 0  # score, and the samples it was reached at
+        self.best, self.best_at = NOTHING, 0  # score, and the samples it was reached at
         self.kept_at: int | None = None  # samples of the last checkpoint that was written
         self.stop_requested = False
 
@@ -87,10 +92,8 @@ class Checkpoints(BaseCallback):
             try:
                 self.save()
             except OSError as error:
-                last = "there is none yet" if self.kept_at is None else f"the last one is of step {self.kept_at}"
                 warnings.warn(
-                    f"{self._folder(self.num_timesteps)}: not written ({reason(error)}); the training goes on, {last}.",
-                    stacklevel=2,
+                    f"{self._not_written(error)}; the training goes on, {self._what_is_there()}.", stacklevel=2
                 )
 
     def _on_step(self) -> bool:
@@ -105,19 +108,16 @@ class Checkpoints(BaseCallback):
         assert isinstance(model, RecurrentPPO)
         steps, score = model.num_timesteps, _score(model)
         self.tried_at = steps
-        if steps == self.kept_at:
-            return
-        is_best = score > self.best
-        best, best_at = (score, steps) if is_best else (self.best, self.best_at)
-        folder = self._folder(steps)
+        best, best_at = (score, steps) if score > self.best else (self.best, self.best_at)
         statistics = {**self.statistics.state(), "best": best, "best_at": best_at}
         statistics["unstable_episodes"] = self.unstable.count
         info = {**self.info, "num_timesteps": steps, "return": mean_return(model)}
+        weights = self.average.weights if self.average else None
         try:
-            save_checkpoint(model, folder, info, statistics, self.average.weights if self.average else None)
-            self.best, self.best_at, self.kept_at = best, best_at, steps
-            if is_best:
-                copy_policy(folder, self.run_dir / BEST)
+            if steps != self.kept_at:
+                save_checkpoint(model, self._folder(steps), info, statistics, weights)
+                self.best, self.best_at, self.kept_at = best, best_at, steps
+            complete_best(self.run_dir, self.best_at)
         except OSError:
             tidy_run(self.run_dir)
             raise
@@ -132,10 +132,18 @@ class Checkpoints(BaseCallback):
         try:
             self.save()
         except OSError as error:
-            raise ValueError(
-                f"{self._folder(self.num_timesteps)}: not written ({reason(error)}). Make room, then go on with: "
-                f"ogmp-train resume={self.run_dir}"
-            ) from None
+            go_on = f"Make room, then go on with: ogmp-train resume={self.run_dir}"
+            raise ValueError(f"{self._not_written(error)}. {go_on}") from None
+
+    def _not_written(self, error: OSError) -> str:
+        """What :meth:`save` could not write, and why."""
+        failed = self.run_dir / BEST if self.kept_at == self.num_timesteps else self._folder(self.num_timesteps)
+        return f"{failed}: not written ({reason(error)})"
+
+    def _what_is_there(self) -> str:
+        if self.kept_at == self.num_timesteps:
+            return f"the best policy is in {self._folder(self.best_at)}"
+        return "there is none yet" if self.kept_at is None else f"the last one is of step {self.kept_at}"
 
     def restore(self, checkpoint: Path) -> None:
         """Go on from a checkpoint. Newer ones, which are damaged, are set aside; a best policy that a kill has kept
@@ -152,7 +160,7 @@ class Checkpoints(BaseCallback):
         except TypeError as error:
             raise ValueError(str(error)) from None
         self.statistics.set_state(counted)
-        self.best = entry(statistics, "best", float, where)
+        self.best = entry(statistics, "best", Score, where)
         if self.average is not None:
             self.average.weights = policy_weights(checkpoint)
         given = {"unstable_episodes": 0, "best_at": 0, **statistics}  # older checkpoints have neither
@@ -163,18 +171,20 @@ class Checkpoints(BaseCallback):
                 aside = folder.with_name(f"damaged-{folder.name}")
                 remove(aside)
                 folder.rename(aside)
-        complete_best(self.run_dir, checkpoint, self.best_at)
+        complete_best(self.run_dir, self.best_at)
 
     def _folder(self, steps: int) -> Path:
-        return self.run_dir / "checkpoints" / f"{steps:012d}"
+        return self.run_dir / CHECKPOINTS / f"{steps:012d}"
 
 
-def complete_best(run_dir: Path, checkpoint: Path, best_at: int) -> None:
-    """Copy the best policy if it is that of a checkpoint, and a kill came before it was copied.
+def complete_best(run_dir: Path, best_at: int) -> None:
+    """Copy the best policy out of its checkpoint, unless that was done; a kill or a full disk may have come before it.
 
-    :param best_at: samples of the best policy, as the checkpoint says
+    :param best_at: samples of the best policy, as the last checkpoint says
+    :raises OSError: if it cannot be written
     """
-    if best_at == int(checkpoint.name) and _samples(run_dir / BEST) != best_at:
+    checkpoint = run_dir / CHECKPOINTS / f"{best_at:012d}"
+    if checkpoint.is_dir() and _samples(run_dir / BEST) != best_at:
         copy_policy(checkpoint, run_dir / BEST)
 
 
@@ -204,7 +214,7 @@ def tidy_run(run_dir: Path) -> None:
     for folder, names in (
         (run_dir, BEST),
         (run_dir, CONFIG),
-        (run_dir / "checkpoints", "*"),
+        (run_dir / CHECKPOINTS, "*"),
         (run_dir / UNSTABLE, "*"),
     ):
         tidy(folder, names)
@@ -217,9 +227,6 @@ def mean_return(model: RecurrentPPO) -> float:
     return mean if math.isfinite(mean) else -1e9
 
 
-def _score(model: RecurrentPPO) -> float:
-    """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
+def _score(model: RecurrentPPO) -> Score:
     levels = [episode["level"] for episode in model.ep_info_buffer or []]
-    level = round(float(np.mean(levels)), 1) if levels else 0.0
-    steps: int = model.env.batch.task.episode_steps  # type: ignore[union-attr]
-    return level * steps + mean_return(model)
+    return round(float(np.mean(levels)), 1) if levels else 0.0, mean_return(model)

@@ -13,14 +13,14 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.evaluate import evaluate_cell, measure
 from ogmp_sb3.grid import Grid, limits
-from ogmp_sb3.recipe import versions
+from ogmp_sb3.recipe import RECORDED, versions
 from ogmp_sb3.results import Results
 from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.traces import Trace, make_trace
 
 RESULTS = Path("evaluation") / "results.jsonl"
 METRICS = Path("evaluation") / "metrics.json"  # what ogmp-eval leaves there
-DECIDING = ("ogmp_sb3", "mujoco")  # versions that an evaluation depends on
+NOT_DECIDING = {"python", "machine", *RECORDED} - {"ogmp_sb3", "mujoco"}  # the versions of plug-ins are
 MEASURED = ("metrics", "groups", "median_distance_m", "terminations")  # what an evaluation gives
 Progress = Callable[[int], None]
 
@@ -95,7 +95,7 @@ class Subject:
     def _task(self, overrides: list[str]) -> TaskConfig:
         """The task as it was in training, with overrides."""
         loaded, overrides = self.loaded, [*self.overrides, *overrides]
-        return task_for_test(loaded.task_data, loaded.task_path, overrides, None, "ogmp-report")
+        return task_for_test(loaded.task_data, loaded.task_path, overrides, None, "ogmp-report", ("rho",))
 
     def _test(self) -> TaskConfig:
         """The task under its test protocol, the return among its metrics."""
@@ -119,4 +119,4 @@ class Subject:
 
 def _deciding(found: dict[str, str]) -> dict[str, str]:
     """Of the versions of packages, those that an evaluation depends on."""
-    return {name: version for name, version in found.items() if name in DECIDING}
+    return {name: version for name, version in found.items() if name not in NOT_DECIDING}

@@ -113,6 +113,7 @@ def _register_tasks(arguments: list[str]) -> list[str]:
         key, sign, value = argument.partition("=")
         if key == "task" and sign:
             given = [_register_path(name) for name in value.split(",")]
+            _check_different(given, value.split(","))
             argument = f"task={','.join(given)}"
             names.update(given)
             by_path.update(set(given) - set(value.split(",")))
@@ -137,6 +138,14 @@ def _registered(name: str) -> dict[str, Any]:
         return OmegaConf.to_container(ConfigStore.instance().load(f"task/{name}.yaml").node)  # type: ignore[return-value]
     except ConfigLoadError:
         return {}
+
+
+def _check_different(names: list[str], given: list[str]) -> None:
+    """:raises ValueError: if two tasks have one name, which Hydra tells tasks apart by."""
+    for i, name in enumerate(names):
+        first = names.index(name)
+        if given[first] != given[i]:
+            raise ValueError(f"'{given[first]}' and '{given[i]}' are both called '{name}': rename one of the files.")
 
 
 def _register_path(name: str) -> str:

@@ -39,18 +39,25 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
     :return: mean return of the last episodes
     :raises ValueError: if the directory holds another run
     """
-    if not (run_dir / CONFIG).is_file() or not checkpoint_dirs(run_dir):
+    begun = bool(checkpoint_dirs(run_dir))
+    if not (run_dir / CONFIG).is_file():
+        if begun:
+            raise ValueError(
+                f"{run_dir}: has checkpoints, but no {CONFIG}. Choose another directory, or remove that one."
+            )
         return train(task, task_data, config, run_dir, resume=False)
     data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
     wanted = {"task name": task.name, "task": task_data, "train": asdict(config)}
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
+    if not begun:
+        return train(task, task_data, config, run_dir, resume=False)
     checkpoint = latest_checkpoint(run_dir)
     if int(checkpoint.name) >= config.total_timesteps:
         print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
         file = checkpoint / TRAINER[1]
         statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
-        complete_best(run_dir, checkpoint, statistics.get("best_at", 0))
+        complete_best(run_dir, statistics.get("best_at", 0))
         return float(checkpoint_info(checkpoint).get("return", math.nan))
     return train(task, task_data, config, run_dir, resume=True)
 
@@ -131,7 +138,7 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
         print(f"resumed at step {model.num_timesteps}")
     callbacks = [checkpoints, unstable, statistics, ProgressBar(config.total_timesteps)]
     if average is not None:
-        callbacks.append(average)
+        callbacks.insert(0, average)  # a checkpoint has the average with the last update
     handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
     remaining = config.total_timesteps - model.num_timesteps
     try:

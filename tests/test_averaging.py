@@ -10,7 +10,6 @@ import pytest
 import torch as th
 from programs import SMALL, program
 from safetensors.torch import load_file
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from ogmp_sb3 import make_env
 from ogmp_sb3.averaging import PolicyAverage
@@ -20,35 +19,35 @@ from ogmp_sb3.recurrent import RecurrentPPO
 ROLLOUT = 2 * 8
 
 
-class Recorder(BaseCallback):
-    """The weights of every rollout."""
+class Recorder(RecurrentPPO):
+    """Keeps the weights after every update."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.weights: list[th.Tensor] = []
-
-    def _on_rollout_end(self) -> None:
-        self.weights.append(self.model.policy.state_dict()["action_net.weight"].clone())
-
-    def _on_step(self) -> bool:
-        return True
+    def train(self) -> None:
+        super().train()
+        self.updated = [*getattr(self, "updated", []), self.policy.state_dict()["action_net.weight"].clone()]
 
 
 def trained(over: int, rollouts: int) -> tuple[PolicyAverage, list[th.Tensor]]:
     env = make_env("dive", num_envs=2, seed=0)
-    model = RecurrentPPO(
+    model = Recorder(
         "MlpLstmPolicy", env, n_steps=8, batch_size=16, n_epochs=1, learning_rate=1e-2, seed=0, device="cpu",
         policy_kwargs={"net_arch": [], "lstm_hidden_size": 8},
     )  # fmt: skip
-    average, recorder = PolicyAverage(over), Recorder()
-    model.learn(rollouts * ROLLOUT, callback=CallbackList([recorder, average]))
-    return average, recorder.weights
+    average = PolicyAverage(over)
+    model.learn(rollouts * ROLLOUT, callback=average)
+    return average, model.updated
 
 
-def test_over_a_long_time_it_is_the_mean_of_the_weights_of_all_rollouts() -> None:
+def test_over_a_long_time_it_is_the_mean_of_the_weights_of_all_updates() -> None:
     average, weights = trained(over=10**9, rollouts=5)
     assert not th.equal(weights[0], weights[-1])
     th.testing.assert_close(average.weights["action_net.weight"], th.stack(weights).mean(dim=0))
+
+
+@pytest.mark.parametrize("over", [1, 10**9])
+def test_after_one_update_it_is_what_that_made(over: int) -> None:
+    average, (weights,) = trained(over, rollouts=1)
+    th.testing.assert_close(average.weights["action_net.weight"], weights)
 
 
 def test_it_forgets_as_fast_as_its_time_constant_says() -> None:

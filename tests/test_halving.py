@@ -9,8 +9,8 @@ from programs import SMALL, program
 
 from ogmp_sb3 import halving
 from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.runs import Run
-from ogmp_sb3.schema import write_yaml
+from ogmp_sb3.runs import Run, read_sweep
+from ogmp_sb3.schema import read_yaml, write_yaml
 
 
 @pytest.fixture
@@ -71,6 +71,24 @@ def test_scores_are_kept(played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(halving, "_score", lambda job, episodes: pytest.fail("was computed again"))
     run(tmp_path, "rho=0.1,0.3")
     assert played == before * 2
+
+
+def test_scores_are_not_those_of_another_training_in_the_same_directory(played, tmp_path: Path) -> None:
+    run(tmp_path, "rho=0.1,0.3")
+    for file in (tmp_path / "search").glob("rho=*/config.yaml"):
+        write_yaml(file, {**read_yaml(file), "task": {"rho": 0.0}})
+    (job,) = (job for job in read_sweep(tmp_path / "search") if job.path.name == "rho=0.3")
+    config = halving.SearchConfig(key="rho", values=("0.0",), rounds=1, episodes=32)
+    with pytest.raises(ValueError, match=r"trained on \d+ samples already, where this search compares after 100"):
+        halving._ranked(tmp_path / "search", config, ["0.0"], [job], 100)
+    assert halving._ranked(tmp_path / "search", config, ["0.0"], [job], job.samples) == [([0.0, 0.0], "0.0")]
+
+
+@pytest.mark.parametrize("values", ["choice(0.1,0.3)", "range(1,3)"])
+def test_values_that_hydra_would_work_out_are_refused_before_any_training(values: str, played, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a search takes plain values with commas between them"):
+        run(tmp_path, f"rho={values}")
+    assert played == []
 
 
 def test_a_real_search_trains_and_ranks(tmp_path: Path) -> None:

@@ -22,7 +22,20 @@ def test_a_model_has_the_noise_and_the_settings_of_ogmp_train_and_can_be_saved(t
     assert model.lr_schedule(0.0) == pytest.approx(1.5e-4)
     model.save(tmp_path / "model.zip")
     again = RecurrentPPO.load(tmp_path / "model.zip", env=env)
-    assert again.lr_schedule(0.0) == pytest.approx(3e-4)
+    assert again.lr_schedule(0.0) == pytest.approx(1.5e-4)
+    assert not again.policy.log_std.requires_grad
+
+
+@pytest.mark.parametrize("kind", [RecurrentPPO, sb3_contrib.RecurrentPPO])
+def test_the_learning_rate_halves_by_samples_or_is_constant(kind) -> None:
+    env = make_env("parkour", 2)
+    small = replace(default_ppo(), n_steps=16, batch_size=32, learning_rate=3e-4)
+    halving = make_model(env, replace(small, learning_rate_half_life=2_000_000), kind=kind)
+    constant = make_model(env, replace(small, learning_rate_half_life=None), kind=kind)
+    for samples, rate in ((0, 3e-4), (2_000_000, 1.5e-4), (6_000_000, 3.75e-5)):
+        halving.num_timesteps = constant.num_timesteps = samples
+        assert halving.lr_schedule(0.3) == pytest.approx(rate)
+        assert constant.lr_schedule(0.3) == pytest.approx(3e-4)
 
 
 def test_sb3_contribs_own_learner_gets_the_same_network_and_noise() -> None:

@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ogmp_sb3.plotting_training import _between, _places, line_colours, plot_objectives, smoothed
+from ogmp_sb3.plotting_training import (
+    _between,
+    _places,
+    line_colours,
+    plot_objectives,
+    plot_sweep_curves,
+    smoothed,
+)
 
 
 def test_smoothing_is_a_mean_over_the_rows_around_that_are_known() -> None:
@@ -21,6 +28,18 @@ def test_no_bound_is_black_and_all_other_lines_differ() -> None:
     colours = line_colours(["0.3", "0.5", "null", "0.3", "0.8"])
     assert colours["null"] == "black"
     assert len({str(colour) for colour in colours.values()}) == 4
+
+
+def test_curves_are_drawn_of_the_jobs_that_have_begun(tmp_path: Path) -> None:
+    begun = [("oracle = lqr", "0.3"), ("oracle = preview", "0.3"), ("oracle = preview", "0.5")]
+    rows = [
+        {"panel": panel, "line": line, "samples": samples, "mean": 1.0, "low": 0.5, "high": 1.5}
+        for panel, line in begun
+        for samples in (100, 200)
+    ]
+    plot_sweep_curves(rows, "rho", tmp_path / "curves")
+    with Image.open(tmp_path / "curves.png") as image:
+        assert image.width > 300
 
 
 def test_objectives_are_drawn_for_numbers_words_and_no_value(tmp_path: Path) -> None:

@@ -214,6 +214,13 @@ def test_a_job_with_a_damaged_file_is_listed_with_the_reason(file: str, tmp_path
     assert sum(job.state == "missing" for job in jobs) == missing
 
 
+def test_a_job_whose_configuration_has_another_type_is_damaged(tmp_path: Path) -> None:
+    folder = make_sweep(tmp_path)
+    (folder / "0" / "config.yaml").write_text("task: {}\ntrain: {total_timesteps: 20M}\n")
+    (damaged,) = (job for job in read_sweep(folder) if job.state == "damaged")
+    assert "'train.total_timesteps' must be a whole number, found the text '20M'" in damaged.problem
+
+
 def test_a_sweep_whose_sweeper_chose_as_it_went_lists_what_is_there(tmp_path: Path) -> None:
     assert len(read_sweep(make_sweep(tmp_path, "hydra_plugins.optuna_sweeper.OptunaSweeper"))) == 3
 

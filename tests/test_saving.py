@@ -14,7 +14,7 @@ from faults import NO_SPACE, hidden, killed_at
 from learners import ROLLOUT, learner, policy_info, update
 from programs import SMALL, program, progress
 
-from ogmp_sb3 import checkpoints, logs
+from ogmp_sb3 import checkpoints, logs, saving
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_policy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
 from ogmp_sb3.recipe import TrainConfig, default_ppo
@@ -62,13 +62,55 @@ def test_checkpoints_are_kept_by_number_and_the_best_apart(two_saved, tmp_path: 
     assert load_policy(run_dir / "best").info["num_timesteps"] == ROLLOUT
     made = saver(model, run_dir)
     made.restore(latest_checkpoint(run_dir))
-    assert (made.best, made.best_at) == (made.best, ROLLOUT)
+    assert (made.best, made.best_at) == ((1.0, 2.0), ROLLOUT)
     model.num_timesteps += ROLLOUT
     returns(model, 3.0)
     made.save()
     assert [int(folder.name) for folder in checkpoint_dirs(run_dir)] == [2 * ROLLOUT, 3 * ROLLOUT]
     assert load_policy(run_dir / "best").info["num_timesteps"] == 3 * ROLLOUT
     assert hidden(run_dir) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "better"),
+    [
+        ((1.0, 5.0), (1.0, 6.0), True),
+        ((1.0, 6.0), (1.0, 5.0), False),
+        ((0.9, 200.0), (1.0, 160.0), True),  # the level counts first, whatever the returns are
+        ((1.0, 160.0), (0.9, 200.0), False),
+        ((0.52, 5.0), (0.48, 6.0), True),  # the same tenth
+    ],
+)
+def test_the_best_policy_is_of_the_highest_level_and_then_of_the_highest_return(
+    before: tuple[float, float], after: tuple[float, float], better: bool, two_saved, tmp_path: Path
+) -> None:
+    model, _ = two_saved
+    made = saver(model, tmp_path / "run")
+    for steps, (level, value) in enumerate((before, after), start=1):
+        model.num_timesteps = steps
+        model.ep_info_buffer.clear()
+        model.ep_info_buffer.append({"r": value, "l": 3, "t": 0.1, "level": level})
+        made.save()
+    assert load_policy(tmp_path / "run" / "best").info["num_timesteps"] == (2 if better else 1)
+
+
+def test_a_best_policy_that_could_not_be_copied_is_copied_with_the_next_checkpoint(
+    two_saved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, _ = two_saved
+    made = saver(model, tmp_path / "run")
+    monkeypatch.setattr(saving, "copy_policy", failing(saving.copy_policy, {0}))
+    made.tried_at = 0
+    for steps, value in ((ROLLOUT, 9.0), (2 * ROLLOUT, 1.0)):
+        model.num_timesteps = made.num_timesteps = steps
+        returns(model, value)
+        if steps == ROLLOUT:
+            with pytest.warns(UserWarning, match=r"best: not written .*; the training goes on, the best policy is in"):
+                made._on_rollout_start()
+            assert not (tmp_path / "run" / "best").exists()
+        else:
+            made._on_rollout_start()
+    assert load_policy(tmp_path / "run" / "best").info["num_timesteps"] == ROLLOUT
 
 
 def test_a_checkpoint_that_is_there_is_not_written_again(two_saved, tmp_path: Path) -> None:
@@ -130,7 +172,7 @@ def test_damaged_checkpoints_are_set_aside_and_never_push_whole_ones_out(two_sav
 )
 def test_statistics_that_are_none_are_a_sentence(change, two_saved, tmp_path: Path, monkeypatch) -> None:
     model, saved = two_saved
-    good = {"sums": {}, "causes": {}, "restarts": {}, "best": 1.0}
+    good = {"sums": {}, "causes": {}, "restarts": {}, "best": [1.0, 1.0]}
     monkeypatch.setattr("ogmp_sb3.saving.load_trainer", lambda *_: {**good, **change} if change else {})
     with pytest.raises(ValueError, match=r"trainer.json: 'statistics.(sums|causes|restarts|best)"):
         saver(model, saved).restore(latest_checkpoint(saved))

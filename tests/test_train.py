@@ -23,6 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_policy
+from ogmp_sb3.config import TASKS_DIR
 from ogmp_sb3.logs import EpisodeStatistics
 
 
@@ -252,8 +253,20 @@ def test_a_users_mistake_is_a_sentence_without_a_traceback(arguments, sentence, 
     assert "Traceback" not in done.stderr
 
 
+def test_two_tasks_of_one_name_are_refused(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        shutil.copy(TASKS_DIR / "dive.yaml", tmp_path / folder / "mine.yaml")
+    done = program("train", "-m", "task=a/mine.yaml,b/mine.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'a/mine.yaml' and 'b/mine.yaml' are both called 'mine': rename one of the files." in done.stderr
+    shutil.copy(TASKS_DIR / "dive.yaml", tmp_path / "dive.yaml")
+    done = program("train", "-m", "task=dive,./dive.yaml", cwd=tmp_path)
+    assert "'dive' and './dive.yaml' are both called 'dive'" in done.stderr
+
+
 def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) -> None:
-    done = program("evaluate", f"run={run}", "episodes=6", f"out={tmp_path}", "rho=0.2", cwd=tmp_path)
+    done = program("evaluate", f"run={run}", "episodes=6", f"out={tmp_path}", "oracle=lqr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "metrics.json").read_text())
     wanted = {"max_heading_acceleration_g", "max_heading_speed_mps", "max_froude", "episode_length_fraction"}

@@ -158,6 +158,28 @@ def test_a_training_with_rewards_that_are_none_stops_with_a_sentence_and_keeps_i
     assert read_log(tmp_path / "run" / "progress.csv")["train/undone_updates"][-1] == 9
 
 
+def test_a_run_without_a_checkpoint_is_not_written_over_by_another(tmp_path: Path) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=256", "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    shutil.rmtree(tmp_path / "run" / "checkpoints")
+    log = (tmp_path / "run" / "progress.csv").read_bytes()
+    done = program("train", *arguments, "rho=0.123", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "holds another run: 'task.rho' is 0.3 there and 0.123 here" in done.stderr
+    assert (tmp_path / "run" / "progress.csv").read_bytes() == log
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+
+
+def test_checkpoints_without_a_configuration_are_not_trained_over(tmp_path: Path) -> None:
+    arguments = ["task=dive", *SMALL, "total_timesteps=256", "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    (tmp_path / "run" / "config.yaml").unlink()
+    done = program("train", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "run: has checkpoints, but no config.yaml. Choose another directory" in done.stderr
+    assert len(checkpoint_dirs(tmp_path / "run")) > 0
+
+
 def test_a_finished_run_that_was_killed_before_its_best_policy_was_copied_gets_it(tmp_path: Path) -> None:
     arguments = ["task=dive", *SMALL, "total_timesteps=256", "checkpoint_interval=128", "hydra.run.dir=run"]
     assert program("train", *arguments, cwd=tmp_path).returncode == 0
