@@ -137,11 +137,11 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
     for name in task.modes:
         with _located(where / "modes"):
             registry.modes.get(name)
-    _check_ranges(task.mode_ranges, where / "modes", complete=True)
+    check_ranges(task.mode_ranges, where / "modes", complete=True)
     _check_names(task.sampling.weights, task.modes, where / "sampling.weights")
     _check_names((e.mode for e in task.sampling.sequence), task.mode_ranges, where / "sampling.sequence")
     for i, entry in enumerate(task.sampling.sequence):
-        _check_ranges({entry.mode: entry.ranges}, where / "sampling.sequence" / i, complete=False)
+        check_ranges({entry.mode: entry.ranges}, where / "sampling.sequence" / i, complete=False)
     weights = [task.sampling.weights.get(m, 1.0) for m in task.mode_ranges]
     if task.sampling.order == "random" and not any(weights):
         raise ValueError(f"{where / 'sampling.weights'} gives every mode the weight 0.")
@@ -149,7 +149,11 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
         return
     inside = where / "curriculum"
     _check_names(task.curriculum.modes, task.modes, inside / "modes")
-    _check_ranges(task.curriculum.modes, inside / "modes", complete=False)
+    check_ranges(task.curriculum.modes, inside / "modes", complete=False)
+    for name, ranges in task.curriculum.modes.items():
+        for key, range_ in ranges.items():
+            if range_.words:
+                raise ValueError(f"{inside / 'modes' / name / key} is a word, which has no values between two levels.")
     _check_names(task.curriculum.weights, task.modes, inside / "weights")
     start = [task.curriculum.weights.get(m, task.sampling.weights.get(m, 1.0)) for m in task.mode_ranges]
     if not any(w > 0 for w in start):
@@ -169,7 +173,14 @@ def _without_removed_modes(task: TaskConfig) -> TaskConfig:
     return replace(task, sampling=sampling, curriculum=curriculum)
 
 
-def _check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
+def check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
+    """Check modes and their parameters.
+
+    :param complete: every parameter without a default must be there
+    :raises KeyError: for an unknown or missing name
+    :raises ValueError: for a value that is out of range
+    :raises TypeError: for a value of the wrong type
+    """
     for name, ranges in modes.items():
         parameters = registry.modes.parameters(name)
         if complete:

@@ -45,6 +45,8 @@ class Course:
     def command(self, row: int, call: ModeCall) -> None:
         """Have a mode come next, before drawn ones and behind those commanded already.
 
+        A timed mode that brings its own ground waits for the next variant.
+
         :raises ValueError: if it lasts too long
         """
         segment = call.segment()
@@ -135,8 +137,9 @@ class Course:
 
     def _next_mode(self, row: int, rng: np.random.Generator, level: float) -> ModeCall:
         """The next mode: as commanded, else of the variant; behind the end of the track, flat ground."""
-        if self.commands[row]:
-            return self.commands[row].pop(0)
+        commands = self.commands[row]
+        if commands and not (self.timed and self._mode_count[row] and commands[0].segment().plateaus):
+            return commands.pop(0)
         length = self.task.track.length
         if length is not None and not self.timed and self._laid[row] >= length:
             speed = float(self.spans[row, self._span_count[row] - 1, VX])
@@ -182,6 +185,20 @@ def _steps(task: TaskConfig, segment: Segment) -> int:
     return round(segment.spans[-1].end / task.control_dt)
 
 
+def _check_later_modes(task: TaskConfig) -> None:
+    """:raises ValueError: if a timed mode that is not the first of a variant brings its own ground."""
+    first, *later = task.sampling.sequence
+    if task.sampling.repeat == "all" or not later:
+        later = [*later, first]
+    for entry in later:
+        ranges = {**task.mode_ranges[entry.mode], **entry.ranges}
+        if ModeCall(entry.mode, {key: range_.corners()[0] for key, range_ in ranges.items()}).segment().plateaus:
+            raise ValueError(
+                f"{task.file}: 'sampling.sequence' has '{entry.mode}' behind another mode; a timed mode that brings "
+                "its own ground can only be the first of an episode."
+            )
+
+
 class Extent(NamedTuple):
     """What the modes of a task need room for, if all are as short, or as long, as they can be."""
 
@@ -219,6 +236,7 @@ def _reach(task: TaskConfig, corners: list[Segment]) -> tuple[bool, float, int]:
             raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
         if task.sampling.order != "sequence":
             raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
+        _check_later_modes(task)
         return True, 0.0, COMMANDED * max(_steps(task, s) for s in corners) + 1
     if task.horizon is None:
         raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")

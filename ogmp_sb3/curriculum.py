@@ -29,9 +29,9 @@ class CurriculumConfig:
     """a shorter one lowers it"""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.lower_below <= self.raise_above <= 1:
+        if not 0 <= self.lower_below <= self.raise_above < 1:
             found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
-            raise ValueError(f"0 <= lower_below <= raise_above <= 1 must hold, found {found}.")
+            raise ValueError(f"0 <= lower_below <= raise_above < 1 must hold, found {found}.")
         positive("step", self.step)
         not_negative("weights", self.weights)
 

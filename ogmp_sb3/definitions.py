@@ -55,6 +55,8 @@ class SamplingConfig:
     def __post_init__(self) -> None:
         if self.order == "sequence" and not self.sequence:
             raise ValueError("order: sequence needs a sequence of modes.")
+        if self.order == "random" and self.sequence:
+            raise ValueError("a sequence of modes needs order: sequence; found order: random.")
         not_negative("weights", self.weights)
 
 
@@ -221,6 +223,9 @@ class TaskConfig:
             raise ValueError(f"'horizon' must be at most {MAX_HORIZON} control steps, found {self.horizon}.")
         if self.rho is not None and self.rho <= 0:
             raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
+        noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
+        if noise and self.observations.get("proprioception") is None:
+            raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
         not_negative("bound", self.bound)
         if not any(self.bound.values()):
             raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")

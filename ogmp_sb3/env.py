@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3 import registry, snapshots
+from ogmp_sb3.config import check_ranges
 from ogmp_sb3.course import Course
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.plans import Plans
 from ogmp_sb3.randomisation import Disturbances
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.restarts import Restarts
 from ogmp_sb3.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
+from ogmp_sb3.schema import Where
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import VEL
 from ogmp_sb3.terrain import height_at
@@ -136,13 +139,16 @@ class BatchEnv:
         :param row: the environment
         :param mode: name of one of the task's modes
         :param parameters: its parameters; those left out are drawn from the task's ranges
-        :raises KeyError: for an unknown mode or parameter
-        :raises ValueError: for a timed mode that lasts too long
+        :raises KeyError: for an unknown mode, parameter or word
+        :raises TypeError: for a value of the wrong type
+        :raises ValueError: for a value below 0, or a timed mode that lasts too long
         """
-        ranges = self.task.mode_ranges
+        ranges, where = self.task.mode_ranges, Where("command", mode)
         if mode not in ranges:
             raise KeyError(f"the task has no mode '{mode}'{did_you_mean(mode, ranges)}")
         registry.modes.check(mode, {**ranges[mode], **parameters})
+        given = {key: Range.from_data(value, where / key) for key, value in parameters.items()}
+        check_ranges({mode: given}, Where("command"), complete=False)
         drawn = draw_parameters(ranges[mode], self._rng[row])
         self.course.command(row, ModeCall(mode, {**drawn, **parameters}))
 
@@ -195,8 +201,12 @@ class BatchEnv:
 
         :param actions: shape (num_envs, joints), clipped to [-1, 1]
         :param rows: step the physics of these only (sorted); the results of the others mean nothing
+        :raises ValueError: for actions of another shape
         """
         task = self.task
+        shape = (self.num_envs, self.action_size)
+        if np.shape(actions) != shape:
+            raise ValueError(f"actions must be of shape {shape}, found {np.shape(actions)}.")
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
         self._advance(targets, rows)
         self.plans.advance()
@@ -214,7 +224,6 @@ class BatchEnv:
             reward_terms = {name: np.where(exploded, 0.0, value) for name, value in reward_terms.items()}
             view = replace(view, deviation=np.where(exploded, 0.0, view.deviation))
 
-        self._remember(terminated & ~exploded)
         alive = np.flatnonzero(~terminated)
         self._lay_ahead(alive)
         due = self.plans.due(alive)
@@ -223,6 +232,7 @@ class BatchEnv:
                 for row in due:
                     self.course.extend(row, 0.0, self._rng[row], float(self.level[row]))
             self._query(due)
+        self._remember(terminated & ~exploded)
         plans = self.plans
         seen = replace(view, phase=plans.phase, period=plans.period, latent=plans.latent, terrain=self.terrain)
         return StepResult(
@@ -240,7 +250,7 @@ class BatchEnv:
         return self.plans.reference[row, : self.plans.period[row] + 1].copy()
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that the next steps depend on: arrays, and plain data (generators and the modes drawn so far)."""
+        """All that the next steps depend on but commands: arrays, and plain data (generators, modes drawn so far)."""
         arrays, modes = self.course.state()
         arrays |= snapshots.take(self._own_arrays()) | snapshots.take(self.plans.arrays(), "plans.")
         plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
@@ -250,7 +260,7 @@ class BatchEnv:
         return arrays, plain
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
-        """Go on exactly where :meth:`state` was taken, in an environment of the same task and size.
+        """Go on exactly where :meth:`state` was taken, in an environment of the same task and size, without commands.
 
         :raises ValueError: if the state is of another task or number of environments
         """

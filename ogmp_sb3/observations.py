@@ -13,7 +13,8 @@ from ogmp_sb3.view import EnvView
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
 MAX_POINTS = 1000  # of a terrain scan
-DEEPEST = 1.0  # m: ground further below the base's ground than this looks the same
+HIGHEST = 2.0  # m: a base that is higher looks the same
+DEEPEST = 1.0  # m: so does ground further below or above the base's ground
 
 
 class Part(NamedTuple):
@@ -38,8 +39,11 @@ class Signal:
 
 @observations.register()
 def proprioception(view: EnvView) -> Signal:
-    """Height over the terrain (1), quaternion (4), joint positions, body-frame velocities (3 + 3), joint rates."""
-    height = view.base_pos_w[:, 2] - np.maximum(view.ground_height, view.base_pos_w[:, 2] - 2.0)
+    """Height over the terrain (1), quaternion (4), joint positions, body-frame velocities (3 + 3), joint rates.
+
+    The height is 2 m at most, also where there is no ground.
+    """
+    height = np.minimum(view.base_pos_w[:, 2] - view.ground_height, HIGHEST)
     joints = view.joint_pos.shape[1]
     parts = (
         Part("base_height", "m", 1),
@@ -74,7 +78,7 @@ def clock(view: EnvView) -> Signal:
 
 @observations.register()
 def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
-    """Terrain heights ahead of the base, relative to the terrain under it (paper: h_t).
+    """Terrain heights ahead of the base, relative to the terrain under it, from -1 to 1 m (paper: h_t).
 
     :param points: how many, along +x of the world, the first under the base
     :param spacing: m

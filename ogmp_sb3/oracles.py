@@ -16,7 +16,7 @@ import numpy as np
 
 from ogmp_sb3.reference import Reference, SetPoints
 from ogmp_sb3.registry import oracles
-from ogmp_sb3.riccati import TrackingGains, tracking_gains
+from ogmp_sb3.riccati import tracking_gains
 from ogmp_sb3.srb import (
     GRAVITY,
     INPUT_NAMES,
@@ -88,7 +88,7 @@ def lqr(
     :param plant: what to plan with
     :param Q: tracking weights by state name
     :param R: input weights of one foot by input name
-    :param eps: weight of every state that Q does not name
+    :param eps: least weight of a state, and that of those that Q does not name
     """
     index, orientations = _mean_orientations(set_points)
     A, B, d = _models(plant, orientations)
@@ -107,6 +107,7 @@ def preview(
 
     Backward over the horizon from ``P_N = P`` (of ``control.dlqr``) and ``v_N = P r_N``, with ``w = v_{k+1} -
     P_{k+1} d``, in stance ``u_k = -K_k x_k + (R + B^T P_{k+1} B)^-1 B^T w`` and ``v_k = Q r_k + (A - B K_k)^T w``.
+    (Anderson and Moore, *Optimal Control: Linear Quadratic Methods*, ch. 4; Katayama et al., Int. J. Control 41, 1985.)
     Inside a long stance P and K are the stationary ones. In flight the input is zero and the same recursion runs
     with ``B = 0``, so a stance prepares for the flight after it: the result is the optimum over the whole contact
     schedule, not just within one segment.
@@ -116,7 +117,7 @@ def preview(
     :param plant: what to plan with
     :param Q: tracking weights by state name
     :param R: input weights of one foot by input name
-    :param eps: weight of every state that Q does not name
+    :param eps: least weight of a state, and that of those that Q does not name
     """
     index, orientations = _mean_orientations(set_points)
     _, P = _total_gain(plant, _freeze(Q), _freeze(R), eps, UPRIGHT)
@@ -133,7 +134,7 @@ def preview(
 
 
 def state_weights(Q: dict[str, float], eps: float) -> np.ndarray:
-    """Diagonal of Q, shape (12,): the named weights, ``eps`` elsewhere."""
+    """Diagonal of Q, shape (12,): the named weights, at least ``eps``."""
     return np.array([max(Q.get(name, 0.0), eps) for name in STATE_NAMES])
 
 
@@ -148,8 +149,8 @@ def _freeze(weights: dict[str, float]) -> tuple[tuple[str, float], ...]:
 
 def stationary_gains(
     plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float, mean_rpy: tuple[float, float, float]
-) -> TrackingGains:
-    """The 12-input gains of one contact segment, straight from python-control.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Feedback of 12 inputs and cost of one contact segment (:func:`~ogmp_sb3.riccati.tracking_gains`).
 
     The model has two feet. A robot with n spreads the same total over n, as two feet of 2/n times the weight would.
     """
@@ -168,9 +169,9 @@ def _total_gain(
     Both feet enter the model alike, so each carries half of the total: 6 inputs with half the weight of one foot
     give the same trajectory as 12.
     """
-    gains = stationary_gains(plant, dict(Q), dict(R), eps, mean_rpy)
-    forces, moments = gains.K[:6].reshape(MODEL_FEET, 3, STATE_SIZE), gains.K[6:].reshape(MODEL_FEET, 3, STATE_SIZE)
-    return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), gains.P
+    K, P = stationary_gains(plant, dict(Q), dict(R), eps, mean_rpy)
+    forces, moments = K[:6].reshape(MODEL_FEET, 3, STATE_SIZE), K[6:].reshape(MODEL_FEET, 3, STATE_SIZE)
+    return np.concatenate([forces.sum(axis=0), moments.sum(axis=0)]), P
 
 
 @lru_cache(maxsize=4096)
@@ -276,7 +277,7 @@ def _simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # t
         last = steps[row]
         state[row, 0] = x0[row]
         for axis in range(6):
-            p, v = axis % 3 + 3 * (axis // 3), axis % 3 + 3 * (axis // 3) + 6
+            p, v = axis, axis + 6
             bp, bv = b[axis]
             P11, P12, P22 = P_end[p, p], P_end[p, v], P_end[v, v]
             v1 = P11 * r[row, last, p] + P12 * r[row, last, v]

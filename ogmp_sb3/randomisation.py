@@ -13,6 +13,7 @@ import numpy as np
 
 from ogmp_sb3 import snapshots
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.schema import positive
 
 MAX_LATENCY = 100  # control steps; more is a slip of the pen
 NOISY = ("proprioception",)  # observation terms that sensors measure
@@ -38,8 +39,7 @@ class PushConfig:
     """change of velocity, drawn for every kick, m/s"""
 
     def __post_init__(self) -> None:
-        if not self.every > 0:
-            raise ValueError(f"'every' must be above 0, found {self.every:g}.")
+        positive("every", self.every)
         _at_least("speed", self.speed, 0.0)
 
 
@@ -177,5 +177,5 @@ class Disturbances:
         :raises ValueError: if the state is of another task or number of environments
         """
         snapshots.put_back(self._arrays, arrays, "disturbances.")
-        for rng, state in zip(self._rng, plain.get("disturbances", ()), strict=False):
+        for rng, state in zip(self._rng if self._arrays else (), plain.get("disturbances", ()), strict=True):
             rng.bit_generator.state = state

@@ -42,19 +42,16 @@ class Range:
         value = read(float, data, where)
         return cls(value, value)
 
-    def towards(self, other: Range, share: float) -> Range:
-        """The range that lies ``share`` of the way (0 to 1) from this one to ``other``."""
-        if self.words:
-            return other
-        return Range(self.low + share * (other.low - self.low), self.high + share * (other.high - self.high))
-
     def beyond(self) -> tuple[float, float]:
         """Where to try values: half a range beyond both ends, half the value of a fixed parameter, 0.5 beyond 0.
 
-        Not below half the least value: modes of next to no length would be too many around a robot.
+        Not below half the least value, nor below 0.02 unless it is: modes of next to no length would be too many
+        around a robot.
         """
         spread = 0.5 * (self.high - self.low) or 0.5 * self.high or 0.5
-        return max(self.low - spread, 0.5 * self.low, 0.02), self.high + spread
+        return max(
+            self.low - spread, 0.5 * self.low, min(0.02, self.low or 0.5 * self.high or 0.02)
+        ), self.high + spread
 
     def corners(self) -> tuple[float | str, ...]:
         """The extreme values."""

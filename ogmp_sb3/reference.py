@@ -72,7 +72,7 @@ def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
     """Add spans to one environment's, in place, and hold the last; spans that end behind ``keep_from`` go.
 
     The last of those stays: where the span after it starts is known from its end alone. A span that would end before
-    the one in front of it ends with it.
+    the one in front of it ends with it; but if it leads to higher ground, the one in front ends earlier instead.
 
     :param spans: shape (spans, SPAN_SIZE)
     :param count: how many of them are in use, without the held one
@@ -87,10 +87,12 @@ def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
             kept += 1
     if kept + len(new) >= len(spans):
         return -1
-    for row in new:
+    for i, row in enumerate(new):
         spans[kept] = row
-        if kept > 0:
-            spans[kept, END] = max(spans[kept, END], spans[kept - 1, END])
+        if kept > 0 and row[END] < spans[kept - 1, END]:
+            if i + 1 < len(new) and new[i + 1, GROUND0] > spans[kept - 1, GROUND1]:
+                spans[kept - 1, END] = row[END] if kept == 1 else max(row[END], spans[kept - 2, END])
+            spans[kept, END] = max(row[END], spans[kept - 1, END])
         kept += 1
     for i in range(kept, len(spans)):
         spans[i] = spans[kept - 1]

@@ -15,6 +15,7 @@ from ogmp_sb3 import snapshots
 from ogmp_sb3.ranges import Range
 
 EVERY = 5  # control steps between two moments that are remembered
+LONGEST = 1_000  # control steps before a fall; more is a slip of the pen
 QUEUE = 6  # moments that wait to be begun from, of each environment
 
 
@@ -34,8 +35,8 @@ class RestartConfig:
     def __post_init__(self) -> None:
         if not 0 < self.fraction < 1:
             raise ValueError(f"'fraction' must be above 0 and below 1, found {self.fraction:g}.")
-        if self.before.words or self.before.low < EVERY:
-            raise ValueError(f"'before' must be control steps from {EVERY} on, found {self.before}.")
+        if self.before.words or self.before.low < EVERY or self.before.high > LONGEST:
+            raise ValueError(f"'before' must be control steps from {EVERY} to {LONGEST}, found {self.before}.")
         for name, most in (("per_fall", QUEUE), ("episode_steps", None)):
             value = getattr(self, name)
             if value < 1 or (most is not None and value > most):

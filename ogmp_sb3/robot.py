@@ -41,8 +41,9 @@ class RobotConfig:
             raise ValueError(f"{len(self.joints)} joints but {len(self.nominal_joints)} nominal_joints.")
         for name in ("nominal_height", "leg_length"):
             positive(name, getattr(self, name))
-        for value in (self.srb.mass, *self.srb.inertia):
-            positive("srb", value)
+        positive("srb.mass", self.srb.mass)
+        for value in self.srb.inertia:
+            positive("srb.inertia", value)
         if not self.feet:
             raise ValueError("'feet' names no body.")
         all_different("joints", self.joints)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.curriculum import CurriculumConfig
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.modes import Segment
 from ogmp_sb3.ranges import Range
@@ -51,13 +52,13 @@ class ModeSampler:
 
     def __init__(self, task: TaskConfig) -> None:
         self._order, self._names = task.sampling, list(task.mode_ranges)
-        ends = [(mode_ranges(task, name, 0.0), mode_ranges(task, name, 1.0)) for name in self._names]
+        easy = task.curriculum or CurriculumConfig()
         self._parameters = {
-            name: [(key, start[key], full[key]) for key in full]
-            for name, (start, full) in zip(self._names, ends, strict=True)
+            name: [(key, easy.modes.get(name, {}).get(key, full), full) for key, full in ranges.items()]
+            for name, ranges in task.mode_ranges.items()
         }
-        self._start = np.array([mode_weight(task, name, 0.0) for name in self._names])
-        self._full = np.array([mode_weight(task, name, 1.0) for name in self._names])
+        self._full = np.array([task.sampling.weights.get(name, 1.0) for name in self._names])
+        self._start = np.array([easy.weights.get(*pair) for pair in zip(self._names, self._full, strict=True)])
 
     def draw(self, rng: np.random.Generator, index: int, level: float = 1.0) -> ModeCall:
         """The mode at a place in the sequence of a task variant.
@@ -66,6 +67,7 @@ class ModeSampler:
         :param index: how many modes came before
         :param level: curriculum level, 0 to 1
         """
+        own: dict[str, Range] = {}  # of a place in a sequence
         if self._order.order == "random":
             weights = np.cumsum(self._start + level * (self._full - self._start))
             name = self._names[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
@@ -73,28 +75,9 @@ class ModeSampler:
             sequence = self._order.sequence
             entry = sequence[index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)]
             name, own = entry.mode, entry.ranges
-            if own:
-                ranges = {**{key: full for key, _, full in self._parameters[name]}, **own}
-                return ModeCall(name, draw_parameters(ranges, rng))
-        return ModeCall(name, {key: _draw(a, b, level, rng) for key, a, b in self._parameters[name]})
-
-
-def mode_weight(task: TaskConfig, name: str, level: float) -> float:
-    """Relative frequency of a mode at a curriculum level."""
-    full = task.sampling.weights.get(name, 1.0)
-    if task.curriculum is None:
-        return full
-    start = task.curriculum.weights.get(name, full)
-    return start + level * (full - start)
-
-
-def mode_ranges(task: TaskConfig, name: str, level: float) -> dict[str, Range]:
-    """Parameter ranges of a mode at a curriculum level."""
-    full = task.mode_ranges[name]
-    if task.curriculum is None:
-        return full
-    start = task.curriculum.modes.get(name, {})
-    return {key: start.get(key, range_).towards(range_, level) for key, range_ in full.items()}
+        return ModeCall(
+            name, {key: _draw(own.get(key, a), own.get(key, b), level, rng) for key, a, b in self._parameters[name]}
+        )
 
 
 def corner_segments(task: TaskConfig) -> Iterator[Segment]:

@@ -45,14 +45,14 @@ class SRBDynamics:
 
 
 def srb_dynamics(srb: SRB, dt: float, mean_rpy: np.ndarray) -> SRBDynamics:
-    """Discretise eq:srb about the mean orientation of a contact segment.
+    """Discretise eq:srb about a mean orientation.
 
-    The rotation and the Euler rate matrix are constant over the segment, as in the paper; the rest is a double
-    integrator, so the zero-order hold used here is exact.
+    The rotation and the Euler rate matrix are constant, over a span here and over a horizon in the paper; the rest is
+    a double integrator, so the zero-order hold used here is exact.
 
     :param srb: mass properties
     :param dt: length of a control step, s
-    :param mean_rpy: mean orientation over the segment, shape (3,), rad
+    :param mean_rpy: shape (3,), rad
     """
     rotation = rpy_to_matrix(mean_rpy)
     inertia_w = rotation @ np.diag(srb.inertia) @ rotation.T

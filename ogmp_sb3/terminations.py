@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ogmp_sb3.registry import terminations
+from ogmp_sb3.terrain import NOTHING
 from ogmp_sb3.view import EnvView
 
 
@@ -27,4 +28,4 @@ def fall(view: EnvView, min_height: float, fill_gaps: bool = True) -> np.ndarray
 @terminations.register()
 def off_track(view: EnvView) -> np.ndarray:
     """True where there is no ground under the base, shape (num_envs,), bool."""
-    return view.ground_height < -10.0
+    return view.ground_height <= NOTHING

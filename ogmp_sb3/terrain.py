@@ -14,7 +14,7 @@ import numpy as np
 
 X0, X1, Y0, Y1, TOP = range(5)
 NOTHING = -50.0  # m: height where there is no ground, and where unused boxes wait
-BOX_DEPTH = 2.0  # m: vertical extent of a terrain box
+BOX_DEPTH = 2.0  # m: vertical extent of a terrain box that is not higher
 
 
 @dataclass(frozen=True)
@@ -120,5 +120,6 @@ def geom_boxes(terrain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = terrain[..., [X0, Y0]], terrain[..., [X1, Y1]]
     centre, half = np.empty((*terrain.shape[:-1], 3)), np.empty((*terrain.shape[:-1], 3))
     centre[..., :2], half[..., :2] = 0.5 * (lower + upper), np.maximum(0.5 * (upper - lower), 1e-3)
-    centre[..., 2], half[..., 2] = terrain[..., TOP] - 0.5 * BOX_DEPTH, 0.5 * BOX_DEPTH
+    depth = np.maximum(BOX_DEPTH, terrain[..., TOP])  # no block floats
+    centre[..., 2], half[..., 2] = terrain[..., TOP] - 0.5 * depth, 0.5 * depth
     return centre, half

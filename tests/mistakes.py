@@ -52,6 +52,7 @@ def sentence(kind: type[Exception], path: Path | str, overrides: Any = ()) -> st
     return message
 
 
+IN_ORDER = {"order": "sequence"}
 MISTAKES = [
     # time and limits
     ("control_dt", 0.031, ValueError, "control_dt / physics_dt must be a whole number"),
@@ -105,8 +106,19 @@ MISTAKES = [
     # sampling
     ("sampling.order", "randm", ValueError, "'sampling.order' is the text 'randm'", "Did you mean 'random'?"),
     ("sampling.order", "sequence", ValueError, "'sampling': order: sequence needs a sequence of modes"),
-    ("sampling.sequence", ["pace", "jmp"], KeyError, "'sampling.sequence' has 'jmp'", "Did you mean 'jump'?"),
-    ("sampling.sequence", ["flip"], KeyError, "'sampling.sequence' has 'flip' (allowed: jump, leap, pace)"),
+    (
+        "sampling",
+        {**IN_ORDER, "sequence": ["pace", "jmp"]},
+        KeyError,
+        "'sampling.sequence' has 'jmp'",
+        "Did you mean 'jump'?",
+    ),
+    (
+        "sampling",
+        {**IN_ORDER, "sequence": ["flip"]},
+        KeyError,
+        "'sampling.sequence' has 'flip' (allowed: jump, leap, pace)",
+    ),
     ("sampling.sequence", "pace", TypeError, "'sampling.sequence' must be a list, found the text 'pace'"),
     ("sampling.weights.jmp", 1, KeyError, "'sampling.weights' has 'jmp'", "Did you mean 'jump'?"),
     ("sampling.weights.jump", -1, ValueError, "'sampling': 'weights.jump' must be at least 0, found -1"),
@@ -122,13 +134,20 @@ MISTAKES = [
     ("curriculum.modes.jump.h", [0.2, 0.1], ValueError, "'curriculum.modes.jump.h' is a reversed range"),
     ("curriculum.modes.jump", None, TypeError, "'curriculum.modes.jump' must be a mapping"),
     ("curriculum.step", 0, ValueError, "'curriculum': 'step' must be above 0, found 0"),
-    ("curriculum.raise_above", 2, ValueError, "lower_below <= raise_above <= 1 must hold, found", "raise_above 2"),
-    ("curriculum.lower_below", 0.9, ValueError, "'curriculum': 0 <= lower_below <= raise_above <= 1 must hold"),
+    ("curriculum.raise_above", 2, ValueError, "lower_below <= raise_above < 1 must hold, found", "raise_above 2"),
+    ("curriculum.lower_below", 0.9, ValueError, "'curriculum': 0 <= lower_below <= raise_above < 1 must hold"),
     # ground, gait, action
     ("track.width", 0, ValueError, "'track': 'width' must be above 0, found 0"),
     ("track.length", -1, ValueError, "'track': 'length' must be above 0, found -1"),
     ("track.boxes", 1, ValueError, "'track': boxes must be at least 2, found 1"),
     ("gait.height", -1, ValueError, "'gait': 'height' must be above 0, found -1"),
+    (
+        "curriculum.raise_above",
+        1.0,
+        ValueError,
+        "0 <= lower_below <= raise_above < 1 must hold, found lower_below 0.15, raise_above 1",
+    ),
+    ("sampling.sequence", ["pace"], ValueError, "a sequence of modes needs order: sequence; found order: random"),
     ("gait.cycle", 0, ValueError, "'gait': 'cycle' must be above 0, found 0"),
     ("action.scale", 0, ValueError, "'action': 'scale' must be above 0, found 0"),
     ("action.noise", math.inf, ValueError, "'action.noise' must be finite, found inf"),

@@ -25,6 +25,17 @@ def test_a_mistake_is_one_sentence(
         assert part in message
 
 
+def test_a_curriculum_cannot_move_a_word(tmp_path: Path) -> None:
+    data = put(SHIPPED["dive"], "curriculum", {"modes": {"flip": {"r": "front"}}})
+    message = sentence(ValueError, write(tmp_path, data))
+    assert "'curriculum.modes.flip.r' is a word, which has no values between two levels" in message
+
+
+def test_noise_on_an_observation_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    data = put(put(SHIPPED["dive"], "randomisation", {"sensor_noise": 0.1}), "observations.proprioception", None)
+    assert "'randomisation.sensor_noise' disturbs 'proprioception'" in sentence(ValueError, write(tmp_path, data))
+
+
 REQUIRED = [f.name for f in dataclasses.fields(TaskConfig) if f.default is f.default_factory is dataclasses.MISSING]
 
 

@@ -8,6 +8,7 @@ import pytest
 from ogmp_sb3.config import load_task
 from ogmp_sb3.course import Course, standing_deviation
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.sampling import ModeCall
 
 STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": None}, "curriculum": None}
 
@@ -46,6 +47,25 @@ def test_every_place_on_a_track_belongs_to_the_mode_that_was_laid_there() -> Non
         assert course.mode_at(0, start + 1e-6) is call
         assert course.mode_at(0, end - 1e-6) is call
     assert course.mode_at(0, -1.0) is course.modes[0][0]
+
+
+@pytest.mark.parametrize(
+    ("sequence", "repeat"), [(["flip", "settle"], "all"), (["flip"], "last"), (["settle", "flip"], "last")]
+)
+def test_a_timed_mode_with_ground_of_its_own_can_only_be_the_first(sequence: list[str], repeat: str) -> None:
+    task = load_task("dive", {"sampling.sequence": sequence, "sampling.repeat": repeat})
+    with pytest.raises(ValueError, match=r"'sampling.sequence' has 'flip' behind another mode"):
+        Course(task, 1)
+
+
+def test_a_timed_mode_with_ground_of_its_own_waits_for_the_next_variant() -> None:
+    course, rng = Course(load_task("dive"), 1), np.random.default_rng(0)
+    course.begin(0, rng, 1.0)
+    course.command(0, ModeCall("flip", {"r": "left", "h": 1.3}))
+    course.extend(0, 0.0, rng, 1.0)
+    assert [call.name for call in course.modes[0]] == ["flip", "settle"]
+    course.begin(0, rng, 1.0)
+    assert course.modes[0][0].parameters == {"r": "left", "h": 1.3}
 
 
 def test_in_a_timed_task_the_last_mode_is_the_present_one() -> None:

@@ -293,6 +293,19 @@ def test_commanded_modes_come_next_in_their_order_and_only_in_their_row() -> Non
         env.command(0, "jmp")
     with pytest.raises(KeyError, match=r"no parameter 'runup'.*Did you mean 'run_up'"):
         env.command(0, "jump", runup=0.1)
+    with pytest.raises(ValueError, match=r"'jump.h' must be at least 0, found -1"):
+        env.command(0, "jump", h=-1.0)
+    with pytest.raises(TypeError, match=r"'jump.h' must be a number or \[low, high\], found high"):
+        env.command(0, "jump", h="high")
+    with pytest.raises(KeyError, match=r"'flip.r' has 'fron'.*Did you mean 'front'"):
+        BatchEnv(load_task("dive"), 1).command(0, "flip", r="fron")
+    assert not env.course.commands[0]
+
+
+@pytest.mark.parametrize("shape", [(2, 1), (10,), (1, 10), (2, 11)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"actions must be of shape \(2, 10\), found"):
+        BatchEnv(load_task("parkour"), 2).step(np.zeros(shape))
 
 
 def test_the_plan_is_what_rewards_compare_with() -> None:

@@ -151,8 +151,6 @@ def test_a_long_height_scan_never_sees_the_end_of_the_laid_track(name: str) -> N
 
 
 def test_a_pool_too_small_for_the_track_is_an_error_that_names_the_key() -> None:
-    env = BatchEnv(at_full_level(load_task("parkour", {**OPEN, "track.boxes": 16})), 1, SEED, threads=1)
-    env.reset()
     with pytest.raises(ValueError, match=r"parkour\.yaml: 'track\.boxes' is 3, too few"):
         small = BatchEnv(at_full_level(load_task("parkour", {**OPEN, "track.boxes": 3})), 1, SEED, threads=1)
         for _ in range(50):

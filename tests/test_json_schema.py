@@ -104,7 +104,7 @@ def test_what_load_task_rejects_the_schema_rejects_where_it_can(key: str, value:
         ("dive", "modes.flip.r", ["front", "left"]),
         ("parkour", "modes.jump", None),
         ("parkour", "modes.jump.h", 0),
-        ("parkour", "sampling.sequence", ["jump", {"jump": {"h": 0.1}}, {"pace": None}]),
+        ("parkour", "sampling", {"order": "sequence", "sequence": ["jump", {"jump": {"h": 0.1}}, {"pace": None}]}),
         ("parkour", "curriculum", None),
         ("parkour", "rewards.body_contact", None),
         ("parkour", "rho", 1),

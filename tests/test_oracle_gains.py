@@ -32,9 +32,9 @@ def test_stationary_gain_equals_control_dlqr_of_all_twelve_inputs(task, mean_rpy
     Q, R, _ = weights(q)
     model = srb_dynamics(q.plant().srb, q.plant().dt, np.array(mean_rpy))
     K, P, poles = control.dlqr(model.A, model.B, Q, R, method="scipy")
-    gains = stationary_gains(q.plant(), **q.params(), mean_rpy=mean_rpy)
-    np.testing.assert_allclose(gains.K, K, rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(gains.P, P, rtol=1e-10, atol=1e-10)
+    feedback, cost = stationary_gains(q.plant(), **q.params(), mean_rpy=mean_rpy)
+    np.testing.assert_allclose(feedback, K, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(cost, P, rtol=1e-10, atol=1e-10)
     assert np.abs(poles).max() < 1
 
 
@@ -65,9 +65,9 @@ def test_a_robot_with_four_feet_has_the_gain_of_control_dlqr_of_all_its_inputs()
     B = np.concatenate([model.B[:, force]] * 4 + [model.B[:, moment]] * 4, axis=1)
     R = np.diag(np.concatenate([np.diag(R)[force]] * 4 + [np.diag(R)[moment]] * 4))
     K, P, _ = control.dlqr(model.A, B, Q, R, method="scipy")
-    gains = stationary_gains(replace(q.plant(), feet=4), **q.params(), mean_rpy=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(gains.P, P, rtol=1e-9, atol=1e-9)
-    for total, part in ((gains.K[:6], K[:12]), (gains.K[6:], K[12:])):
+    feedback, cost = stationary_gains(replace(q.plant(), feet=4), **q.params(), mean_rpy=(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(cost, P, rtol=1e-9, atol=1e-9)
+    for total, part in ((feedback[:6], K[:12]), (feedback[6:], K[12:])):
         np.testing.assert_allclose(total.reshape(2, 3, 12).sum(axis=0), part.reshape(4, 3, 12).sum(axis=0), atol=1e-8)
 
 

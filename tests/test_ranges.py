@@ -53,15 +53,9 @@ def test_beyond_a_range_lies_half_of_it_at_both_ends_but_nothing_below_half_its_
     assert Range(1.0, 2.0).beyond() == (0.5, 2.5)
     assert Range(0.8, 0.8).beyond() == pytest.approx((0.4, 1.2))
     assert Range(0.1, 0.5).beyond() == pytest.approx((0.05, 0.7))
-    low, high = Range(0.0, 0.0).beyond()
-    assert low < high
-
-
-def test_a_range_moves_in_a_straight_line_towards_another() -> None:
-    start, end = Range(0.0, 1.0), Range(2.0, 5.0)
-    assert start.towards(end, 0.0) == start
-    assert start.towards(end, 1.0) == end
-    assert start.towards(end, 0.5) == Range(1.0, 3.0)
+    assert Range(0.005, 0.012).beyond() == pytest.approx((0.005, 0.0155))
+    assert Range(0.0, 0.5).beyond() == pytest.approx((0.02, 0.75))
+    assert Range(0.0, 0.0).beyond() == pytest.approx((0.02, 0.5))
 
 
 def test_corners_are_the_extremes_or_the_words() -> None:

@@ -252,6 +252,25 @@ def test_rows_do_not_mix():
     assert set(padded[..., CONTACT].ravel()) <= set(Contact)
 
 
+@pytest.mark.parametrize(("first", "second"), [(0.05, 0.2), (0.2, 0.05)])
+def test_on_blocks_that_touch_set_points_rise_before_a_step_and_come_down_behind_it(first, second):
+    blocks = [ModeCall("jump", {"w": 0.4, "h": h, "v": 0.6, "run_up": 0.0}) for h in (first, second)]
+    spans = np.zeros((20, SPAN_SIZE))
+    count, offset = 0, 0.0
+    for call in (ModeCall("pace", {"v": 0.6, "length": 0.5}), *blocks):
+        new = np.array([span_row(span, offset) for span in call.segment().spans])
+        count = append_spans(spans, count, new, -1.0)
+        offset += call.segment().length
+    state = ask(spans[None], 75).state[0]
+    x, ground = state[:, X], state[:, Z] - GAIT.height
+    step = 0.9 - BLOCK_LEAD if second > first else 0.9 + BLOCK_TAIL
+    margin = 0.02  # m: a control step
+    for low, high, expected in ((0.5, step, first), (step, 1.3, second)):
+        inside = (x > low + margin) & (x < high - margin)
+        assert inside.sum() > 5
+        np.testing.assert_allclose(ground[inside], expected, atol=1e-9)
+
+
 def test_appending_keeps_what_is_ahead_and_never_overwrites_what_does_not_fit():
     spans = np.zeros((4, SPAN_SIZE))
     row = np.arange(SPAN_SIZE, dtype=float)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,8 @@ def taken(restarts: Restarts, tries: int = 200) -> list[tuple[float, int]]:
     [
         ({"fraction": 0.0}, "'fraction' must be above 0 and below 1, found 0"),
         ({"fraction": 1.0}, "'fraction' must be above 0 and below 1, found 1"),
-        ({"before": [2, 10]}, "'before' must be control steps from 5 on"),
+        ({"before": [2, 10]}, "'before' must be control steps from 5 to 1000"),
+        ({"before": [15, 1e9]}, "'before' must be control steps from 5 to 1000"),
         ({"per_fall": 0}, "'per_fall' must be at least 1"),
         ({"per_fall": QUEUE + 1}, f"'per_fall' must be at least 1 and at most {QUEUE}"),
         ({"episode_steps": 0}, "'episode_steps' must be at least 1"),
@@ -129,9 +131,10 @@ def test_seeding_forgets() -> None:
 # ---- in the environment ----
 
 
-@pytest.mark.parametrize("name", ["parkour", "dive"])
-def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str) -> None:
-    declared = task(name, **{**DECLARED, "fraction": 0.99})
+@pytest.mark.parametrize(("name", "horizon"), [("parkour", 30), ("parkour", 5), ("dive", None)])
+def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str, horizon: int | None) -> None:
+    """With a horizon of 5, every moment is one at which the oracle is asked."""
+    declared = replace(task(name, **{**DECLARED, "fraction": 0.99}), horizon=horizon)
     env, commands = BatchEnv(declared, 1, SEED, threads=1), actions(2000, 1, scale=0.1)
     observation, first, begun = env.reset(), [], 0
     for command in commands:

@@ -8,7 +8,7 @@ import pytest
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.modes import jump
-from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments, mode_ranges, mode_weight
+from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
 
 DRAWS = 4000
 PARKOUR = load_task("parkour", {"curriculum": None, "sampling.weights": {"pace": 1.0, "jump": 2.0, "leap": 5.0}})
@@ -85,16 +85,30 @@ def test_the_same_seed_draws_the_same_variant_and_another_seed_another():
     assert draw(PARKOUR, seed=7, draws=50) != draw(PARKOUR, seed=8, draws=50)
 
 
-@pytest.mark.parametrize(("level", "expected"), [(0.0, (2.0, 1.0, 0.0)), (0.25, (1.75, 1.5, 0.5)), (1.0, (1, 3, 2))])
-def test_curriculum_level_moves_weights_from_its_own_to_the_tasks(level, expected):
-    assert tuple(mode_weight(CURRICULUM, name, level) for name in ("pace", "jump", "leap")) == pytest.approx(expected)
+@pytest.mark.parametrize(("level", "weights"), [(0.0, (2.0, 1.0, 0.0)), (0.25, (1.75, 1.5, 0.5)), (1.0, (1, 3, 2))])
+def test_curriculum_level_moves_weights_from_its_own_to_the_tasks(level, weights):
+    counts = Counter(call.name for call in draw(CURRICULUM, level=level))
+    for name, weight in zip(("pace", "jump", "leap"), weights, strict=True):
+        share = weight / sum(weights)
+        assert counts[name] / DRAWS == pytest.approx(share, abs=5 * np.sqrt(share * (1 - share) / DRAWS))
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.0, (0.0, 0.1)), (0.5, (0.1, 0.25)), (1.0, (0.2, 0.4))])
 def test_curriculum_level_moves_ranges_from_its_own_to_the_tasks(level, expected):
-    ranges = mode_ranges(CURRICULUM, "jump", level)
-    assert (ranges["h"].low, ranges["h"].high) == pytest.approx(expected)
-    assert ranges["w"] == CURRICULUM.mode_ranges["jump"]["w"]  # not in the curriculum
+    jumps = [call.parameters for call in draw(CURRICULUM, level=level) if call.name == "jump"]
+    heights, widths = ([parameters[key] for parameters in jumps] for key in ("h", "w"))
+    assert (min(heights), max(heights)) == pytest.approx(expected, abs=0.01)
+    assert expected[0] <= min(heights) and max(heights) <= expected[1]
+    assert (min(widths), max(widths)) == pytest.approx(CURRICULUM.mode_ranges["jump"]["w"].corners(), abs=0.01)
+
+
+def test_a_place_in_a_sequence_with_a_parameter_of_its_own_follows_the_curriculum_in_the_others():
+    overrides = {
+        "sampling": {"order": "sequence", "sequence": [{"jump": {"w": 0.4}}], "repeat": "all"},
+        "curriculum.modes": {"jump": {"h": [0.02, 0.05]}},
+    }
+    calls = draw(load_task("parkour", overrides), level=0.0, draws=50)
+    assert all(call.parameters["w"] == 0.4 and 0.02 <= call.parameters["h"] <= 0.05 for call in calls)
 
 
 def test_modes_drawn_at_level_zero_are_the_curriculums():

@@ -30,7 +30,7 @@ def test_over_a_gap_a_fall_is_measured_from_the_track_unless_told_otherwise() ->
 
 
 def test_a_robot_beside_the_track_has_left_it_and_one_over_a_gap_has_not() -> None:
-    view = make_view(3, ground_height=np.array([NOTHING, -0.5, 0.3]))
+    view = make_view(3, ground_height=np.array([NOTHING, -12.0, 0.3]))
     np.testing.assert_array_equal(off_track(view), [True, False, False])
 
 

@@ -124,6 +124,11 @@ def test_geoms_have_the_centre_and_half_size_of_their_box():
     assert (centre + half)[..., 2] == 0.25  # its top is the ground
 
 
+def test_a_high_block_stands_on_the_ground_of_the_others():
+    centre, half = geom_boxes(np.array([[0.0, 1.0, -1.0, 1.0, 3.5]]))
+    assert (centre[0, 2] - half[0, 2], centre[0, 2] + half[0, 2]) == pytest.approx((0.0, 3.5))
+
+
 def test_geoms_of_unused_boxes_wait_out_of_reach_and_have_a_size():
     centre, half = geom_boxes(empty_terrain(2, 3))
     assert (half > 0).all()  # MuJoCo refuses boxes without size
