@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import multiprocessing
-import os
 import platform
 import resource
 import time
@@ -30,10 +29,12 @@ from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.learner import OURS
 from ogmp_sb3.plotting import plot_throughput
 from ogmp_sb3.policy import policy_kwargs
-from ogmp_sb3.recipe import PPOConfig, default_ppo, versions
+from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.sim import Simulation
 
 PROGRAM = "ogmp-bench"
@@ -60,6 +61,8 @@ class BenchConfig:
         for name in ("num_envs", "repeats"):
             if getattr(self, name) < 1:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.run and self.what != "physics":
+            raise ValueError(f"'run' is for 'physics' alone, not for '{self.what}'.")
         if self.steps < 0:
             raise ValueError(f"'steps' must be at least 0 (0: a default), found {self.steps}.")
 
@@ -91,10 +94,10 @@ def bench_sim(config: BenchConfig, task: TaskConfig) -> Numbers:
         "bare_physics_steps_per_second": config.num_envs * steps / _median(bare),
     }
     found |= _shares(task, recording)
-    cores = os.cpu_count() or 1
+    cores = thread_count("auto")
     for name, kind in (("dummy_vec_env", DummyVecEnv), ("subproc_vec_env", SubprocVecEnv)):
         number = 4 * cores
-        seconds = _time_stock(kind, config.task, number, max(steps // 4, 10))
+        seconds = _time_stock(kind, task, number, max(steps // 4, 10))
         found[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
     for number in (1, 16, 64, 256, 1024):
         found[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
@@ -203,15 +206,15 @@ def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> fl
     return num_envs * steps / _seconds(lambda: [env.step(action) for action in actions])
 
 
-def _stock_env(kind: Callable[..., VecEnv], task: str, number: int) -> VecEnv:
+def _stock_env(kind: Callable[..., VecEnv], task: TaskConfig, number: int) -> VecEnv:
     # Imported once, by the server that all workers are forked from: 64 imports of PyTorch take minutes on two cores.
     multiprocessing.set_forkserver_preload(["ogmp_sb3.adapters"])
     makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
     return kind(makers)
 
 
-def _time_stock(kind: Callable[..., VecEnv], task: str, number: int, steps: int) -> float:
-    actions = _actions(load_task(task), steps, number)
+def _time_stock(kind: Callable[..., VecEnv], task: TaskConfig, number: int, steps: int) -> float:
+    actions = _actions(task, steps, number)
     with closing(_stock_env(kind, task, number)) as env:
         env.reset()
         return _seconds(lambda: [env.step(action) for action in actions])
@@ -245,7 +248,8 @@ def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chun
     settings = recipe.settings()
     settings["chunk_length"] = chunk_length
     if kind is StockRecurrentPPO:
-        del settings["chunk_length"]
+        for name in OURS:
+            del settings[name]
     batch = env.batch if isinstance(env, OgmpVecEnv) else None
     size = env.observation_space.shape[0]  # type: ignore[index]
     scale = batch.observation_scale if batch is not None else np.ones(size)
@@ -266,7 +270,7 @@ def bench_train(config: BenchConfig, task: TaskConfig) -> Numbers:
     samples = max(config.steps or 4 * rollout, rollout) // rollout * rollout
     ours_env = OgmpVecEnv(task, config.num_envs, seed=0)
     ours = _learner(RecurrentPPO, ours_env, recipe, recipe.chunk_length)
-    with closing(_stock_env(SubprocVecEnv, config.task, config.num_envs)) as stock_env:
+    with closing(_stock_env(SubprocVecEnv, task, config.num_envs)) as stock_env:
         stock = _learner(StockRecurrentPPO, stock_env, recipe, None)
         ours_rate, stock_rate = [], []
         for _ in range(config.repeats):
@@ -298,14 +302,6 @@ def _memory_per_env(task: TaskConfig) -> float:
     return grown / 1024
 
 
-def _bench_physics(config: BenchConfig, task: TaskConfig) -> Numbers:
-    if not config.run:
-        return bench_physics(task, None, config.num_envs, config.repeats)
-    zipped = Path(config.run).is_file()
-    loaded = load_policy(config.run, config.trust, config.task if zipped else None)
-    return bench_physics(loaded.task, loaded.policy, config.num_envs, config.repeats)
-
-
 def _seconds(body: Callable[[], Any]) -> float:
     gc.collect()
     begin = time.perf_counter()
@@ -320,10 +316,17 @@ def _median(values: list[float]) -> float:
 def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"what={a}" for a in arguments]
     config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    task = load_task(config.task, overrides)
-    th.set_num_threads(os.cpu_count() or 1)
-    body = {"sim": bench_sim, "learner": bench_learner, "train": bench_train, "physics": _bench_physics}[config.what]
-    numbers = body(config, task)
+    th.set_num_threads(thread_count("auto"))
+    if config.run:
+        loaded = load_policy(config.run, config.trust, config.task if Path(config.run).is_file() else None)
+        task = task_for_test(loaded.task_data, loaded.task_path, overrides, None, PROGRAM, TRAINING_ONLY)
+        numbers = bench_physics(task, loaded.policy, config.num_envs, config.repeats)
+    else:
+        task = load_task(config.task, overrides)
+        if config.what == "physics":
+            numbers = bench_physics(task, None, config.num_envs, config.repeats)
+        else:
+            numbers = {"sim": bench_sim, "learner": bench_learner, "train": bench_train}[config.what](config, task)
     table = Table(title=f"{PROGRAM} {config.what}, {platform.processor() or platform.machine()}", title_justify="left")
     table.add_column("what")
     table.add_column("value", justify="right")
@@ -331,10 +334,10 @@ def _run(arguments: list[str]) -> None:
         table.add_row(name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}")
     cli.console().print(table)
     if config.json:
-        report = {"config": asdict(config), "numbers": numbers, "cores": os.cpu_count(), "versions": versions()}
+        report = {"config": asdict(config), "numbers": numbers, "cores": thread_count("auto"), "versions": versions()}
         Path(config.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
         if any("per_second" in name for name in numbers):
-            title = f"{PROGRAM} {config.what}, {os.cpu_count()} cores"
+            title = f"{PROGRAM} {config.what}, {thread_count('auto')} cores"
             plot_throughput(title, numbers, Path(config.json).with_suffix(".png"))
 
 

@@ -101,7 +101,7 @@ def _replay_one(model: mujoco.MjModel, data: mujoco.MjData, boxes: slice, window
             for contact in data.contact:
                 penetration = max(penetration, -contact.dist)
                 body = max(model.geom_bodyid[contact.geom1], model.geom_bodyid[contact.geom2])
-                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0)
+                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
                 point = velocity[3:] + np.cross(velocity[:3], contact.pos - data.xpos[body])
                 slips.append(float(np.hypot(point[0], point[1])))
     mujoco.mj_forward(model, data)

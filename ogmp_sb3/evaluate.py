@@ -21,11 +21,12 @@ from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
+from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.recipe import versions
-from ogmp_sb3.robustness import disturbance_sweeps, episode_sets, play_sweeps, write_csv
+from ogmp_sb3.robustness import as_rows, disturbance_sweeps, episode_sets, play_sweeps
 from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.storage import save_json
@@ -33,7 +34,8 @@ from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
-CELL_EPISODES = 10
+EPISODES, CELL_EPISODES = 100, 10
+MAX_DISTANCE = 200.0  # m
 ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 
 
@@ -42,10 +44,10 @@ class EvalConfig:
     """Keys of the command line."""
 
     run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
-    episodes: int = cli.option("how many episodes", 100)
+    episodes: int = cli.option("how many episodes", EPISODES)
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     protocol: Literal["paper", "endless"] = cli.option("paper: as in the task file; endless: to a fall", "paper")
-    max_distance: float = cli.option("endless: an episode is over this far along the track, m", 200.0)
+    max_distance: float = cli.option("endless: an episode is over this far along the track, m", MAX_DISTANCE)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
@@ -64,6 +66,12 @@ class EvalConfig:
         given = [name for name in ("grid", "robustness", "epsilon") if getattr(self, name)]
         if len(given) > 1:
             raise ValueError(f"{' and '.join(map(repr, given))} are different evaluations: give one of them.")
+        if self.protocol == "endless" and (self.grid or self.epsilon):
+            raise ValueError(f"'{given[0]}' plays the task's own protocol, not 'protocol=endless'.")
+        if self.protocol == "paper" and self.max_distance != MAX_DISTANCE:
+            raise ValueError("'max_distance' is for 'protocol=endless' alone.")
+        if self.grid and self.episodes != EPISODES:
+            raise ValueError(f"'grid' plays {CELL_EPISODES} episodes for each cell, whatever 'episodes' says.")
 
 
 HELP = cli.usage(
@@ -87,7 +95,7 @@ HELP = cli.usage(
 
 def owner(run: str) -> Path | None:
     """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
-    folder = Path(run)
+    folder = Path(run).resolve()
     if not folder.is_dir():
         return None
     return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
@@ -99,7 +107,7 @@ def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
     :param kind: of results: ``evaluation`` or ``report``
     """
     folder = owner(run)
-    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).relative_to(folder)
+    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).resolve().relative_to(folder)
 
 
 def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
@@ -220,7 +228,7 @@ def _run(arguments: list[str]) -> None:
                 sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update
             )
         save_json(out / "robustness.json", report)
-        write_csv(report["robustness"], out / "robustness.csv")
+        write_csv(out / "robustness.csv", as_rows(report["robustness"]))
         plot_robustness(report["robustness"], out / "robustness.png")
         console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
     elif config.epsilon:

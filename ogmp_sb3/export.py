@@ -123,6 +123,7 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
     encoder = task_encoder(loaded.task)
     if encoder is not None:
         models[ENCODER] = encoder_model(encoder)
+    (out / ENCODER).unlink(missing_ok=True)  # of another policy
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
     info = {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}}
@@ -192,7 +193,7 @@ def _run(arguments: list[str]) -> None:
     console = cli.console()
     console.print(f"{out}: {', '.join(sorted(file.name for file in out.iterdir()))}")
     console.print(f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}.")
-    if (out / ENCODER).exists():
+    if loaded.task.uses_latent:
         difference = encoder_parity(loaded, out / ENCODER)
         _check("encoder", difference, out)
         console.print(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")

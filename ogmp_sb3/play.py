@@ -12,7 +12,7 @@ from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.player import Player
 from ogmp_sb3.policy import LstmPolicy
-from ogmp_sb3.scenes import task_for_test
+from ogmp_sb3.scenes import SHOWN, task_for_test
 from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.video import check_suffix, write_video
 from ogmp_sb3.viewer import Viewer
@@ -72,7 +72,7 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPoli
         assert config.task is not None
         path = task_path(config.task)
         data = read_yaml(path)
-    return task_for_test(data, path, overrides, config.scene, PROGRAM), policy
+    return task_for_test(data, path, overrides, config.scene, PROGRAM, SHOWN), policy
 
 
 def _run(arguments: list[str]) -> None:

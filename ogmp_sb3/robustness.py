@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -132,15 +130,17 @@ def play_sweeps(
     return results
 
 
-def write_csv(results: list[dict[str, Any]], path: Path) -> None:
+def as_rows(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row for each disturbance and size.
 
     :param results: of :func:`play_sweeps`
     """
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["disturbance", "value", "episodes", "no_fall_fraction", "ci95_low", "ci95_high"])
-        for result in results:
-            for point in result["points"]:
-                found = point["no_fall_fraction"]
-                writer.writerow([result["disturbance"], point["value"], found["n"], found["mean"], *found["ci95"]])
+    rows = []
+    for result in results:
+        for point in result["points"]:
+            found = point["no_fall_fraction"]
+            rows.append({
+                "disturbance": result["disturbance"], "value": point["value"], "episodes": found["n"],
+                "no_fall_fraction": found["mean"], "ci95_low": found["ci95"][0], "ci95_high": found["ci95"][1],
+            })  # fmt: skip
+    return rows

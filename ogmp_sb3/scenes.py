@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from ogmp_sb3.config import TASKS_DIR, apply_overrides, shown_path, task_from_data
 from ogmp_sb3.definitions import Scene, TaskConfig
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.schema import Where, read, read_value, read_yaml
 
 SCENES_DIR = TASKS_DIR / "scenes"
 TRAINING_ONLY = {
+    "rho": "none",
     "curriculum": "none",
     "restarts": "none",
     "min_step_reward": "none",
     "episode_steps": "evaluation.episode_steps",
+    "track.length": "evaluation.track_length",
     "terminations": "evaluation.terminations",
     "randomisation": "evaluation.randomisation",
 }
 """Keys of a task file that a test does not use, and what it has instead."""
+SHOWN = ("rho", "track.length")
+"""Those of them that a play or a picture uses."""
 
 
 def task_for_test(
@@ -40,10 +44,8 @@ def task_for_test(
     """
     for override in overrides:
         key = override.partition("=")[0]
-        first = key.partition(".")[0]
-        if first in TRAINING_ONLY and first not in used:
-            instead = TRAINING_ONLY[first]
-            raise ValueError(f"{program}: '{key}' is for training alone; a test has {instead}.")
+        for name in {key, key.partition(".")[0]} & TRAINING_ONLY.keys() - set(used):
+            raise ValueError(f"{program}: '{key}' is for training alone; a test has {TRAINING_ONLY[name]}.")
     data = apply_overrides(copy.deepcopy(data), overrides, program)
     if scene is not None:
         _apply_scene(data, scene, overrides)
@@ -61,13 +63,23 @@ def _apply_scene(data: dict[str, Any], name_or_path: str, overrides: list[str]) 
     data_of_scene = read_yaml(path)
     scene = read(Scene, data_of_scene, Where(shown_path(path)))
     for override in overrides:
-        kind, *names = override.partition("=")[0].split(".")
-        hidden = (
-            kind == "modes"
-            and len(names) == 2
-            and all(entry.mode != names[0] or names[1] in entry.ranges for entry in scene.sequence)
-        )
-        if hidden or kind == "sampling":
-            raise ValueError(f"'{override}' has no effect in the scene '{name_or_path}', which says that itself.")
+        key, _, text = override.partition("=")
+        for kind, *names in _leaves(key.split("."), read_value(text)):
+            hidden = (
+                kind == "modes"
+                and len(names) == 2
+                and all(entry.mode != names[0] or names[1] in entry.ranges for entry in scene.sequence)
+            )
+            if hidden or kind == "sampling":
+                raise ValueError(f"'{override}' has no effect in the scene '{name_or_path}', which says that itself.")
     data["sampling"] = {"order": "sequence", "sequence": data_of_scene["sequence"], "repeat": "last"}
     data["curriculum"] = None
+
+
+def _leaves(key: list[str], value: Any) -> Iterator[list[str]]:
+    """The keys that a value sets, which may be a mapping of mappings."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _leaves([*key, str(name)], inner)
+    else:
+        yield key

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import numpy as np
 import pytest
+from sb3_contrib import RecurrentPPO as StockRecurrentPPO
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from ogmp_sb3 import bench, bench_physics
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import load_task
+from ogmp_sb3.recurrent import RecurrentPPO
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive"])
@@ -31,11 +36,25 @@ def test_shares_of_a_step_are_parts_of_a_whole() -> None:
     assert all(0 < share < 1 for share in shares.values())
 
 
-def test_learners_are_compared_on_full_rollouts(monkeypatch) -> None:
-    config = bench.BenchConfig(what="learner", num_envs=2, repeats=1)
+def test_learners_are_compared_on_the_same_full_rollouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    trained = []
+    for kind in (StockRecurrentPPO, RecurrentPPO):
+        monkeypatch.setattr(kind, "train", lambda learner: trained.append((type(learner), learner.rollout_buffer.full)))
+    config = bench.BenchConfig(what="learner", num_envs=2, repeats=2)
     numbers = bench.bench_learner(config, load_task("parkour"))
-    assert numbers["learner_exact_over_stock"] > 0
+    assert trained == [(StockRecurrentPPO, True), (RecurrentPPO, True), (RecurrentPPO, True)] * 2
     assert {"stock_samples_per_second", "exact_samples_per_second", "chunked_samples_per_second"} <= set(numbers)
+
+
+def test_sb3_s_own_vectorisation_steps_the_same_task() -> None:
+    task = load_task("parkour", {"modes.jump": None, "episode_steps": 7})
+    with closing(bench._stock_env(DummyVecEnv, task, 2)) as env:
+        assert [batch.task for batch in env.get_attr("batch")] == [task, task]
+
+
+def test_a_policy_is_for_the_physics_alone() -> None:
+    with pytest.raises(ValueError, match="'run' is for 'physics' alone, not for 'train'"):
+        bench.BenchConfig(what="train", run="parkour")
 
 
 def test_a_replay_at_the_task_s_own_step_ends_where_the_run_did() -> None:

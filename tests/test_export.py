@@ -254,6 +254,18 @@ def test_the_program_exports_checks_and_times(policies, tmp_path: Path) -> None:
     assert sorted(file.name for file in (tmp_path / "there").iterdir()) == names
 
 
+def test_a_model_of_another_policy_does_not_stay(policies, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "encoder.onnx").write_bytes(b"of another policy")
+    done = program("export", f"run={policies['blind']}", "out=there", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(file.name for file in (tmp_path / "there").iterdir()) == [
+        "controller.py",
+        "policy.json",
+        "policy.onnx",
+    ]
+
+
 def test_a_model_that_strays_from_pytorch_is_reported(policies, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(export, "TOLERANCE", 1e-12)
     done = program("export", f"run={policies['blind']}", "out=there", cwd=tmp_path)

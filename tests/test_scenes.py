@@ -24,7 +24,9 @@ def test_a_scene_is_played_with_the_changes_that_it_leaves_room_for() -> None:
     assert (task.oracle, task.curriculum, task.mode_ranges["jump"]["run_up"].low) == ("lqr", None, 0.5)
 
 
-@pytest.mark.parametrize("override", ["modes.jump.h=0.3", "modes.leap.w=0.3", "sampling.order=random"])
+@pytest.mark.parametrize(
+    "override", ["modes.jump.h=0.3", "modes.leap.w=0.3", "modes.jump={h: 0.3}", "sampling.order=random"]
+)
 def test_a_change_that_a_scene_hides_is_refused(override: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f"'{override}' has no effect in the scene 'pace_to_jump'")):
         parkour(override, scene="pace_to_jump")
