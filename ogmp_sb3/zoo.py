@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from ogmp_sb3.config import load_task
+from ogmp_sb3.learner import OURS
 from ogmp_sb3.recipe import DEFAULTS, default_ppo
 from ogmp_sb3.schema import read_yaml
 
@@ -14,7 +15,8 @@ def ppo_lstm() -> dict[str, Any]:
     """Plain data, as the Zoo saves it beside the model."""
     settings, action = default_ppo(), load_task("parkour").action
     keywords = settings.settings()
-    del keywords["chunk_length"]  # the Zoo trains with sb3-contrib's own RecurrentPPO
+    for name in OURS:  # the Zoo trains with sb3-contrib's own RecurrentPPO
+        del keywords[name]
     return {
         "n_envs": read_yaml(DEFAULTS)["num_envs"],
         "n_timesteps": read_yaml(DEFAULTS)["total_timesteps"],
