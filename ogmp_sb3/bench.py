@@ -29,7 +29,6 @@ from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.learner import OURS
 from ogmp_sb3.plotting import plot_throughput
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
@@ -245,11 +244,9 @@ def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
 
 
 def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chunk_length: int | None) -> Any:
-    settings = recipe.settings()
-    settings["chunk_length"] = chunk_length
-    if kind is StockRecurrentPPO:
-        for name in OURS:
-            del settings[name]
+    settings = recipe.stock_settings()
+    if kind is not StockRecurrentPPO:
+        settings["chunk_length"] = chunk_length
     batch = env.batch if isinstance(env, OgmpVecEnv) else None
     size = env.observation_space.shape[0]  # type: ignore[index]
     scale = batch.observation_scale if batch is not None else np.ones(size)

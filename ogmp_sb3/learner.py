@@ -14,9 +14,6 @@ from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo
 from ogmp_sb3.recurrent import RecurrentPPO
 
-OURS = ("chunk_length", "learning_rate_half_life", "learn_noise")
-"""Arguments of our class that sb3-contrib's does not have."""
-
 
 def make_model(
     env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: type[StockRecurrentPPO] = RecurrentPPO
@@ -34,12 +31,10 @@ def make_model(
     action = batch.task.action
     noise = float(np.log(action.noise / action.scale))
     network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise)
-    settings = ppo.settings()
-    if not issubclass(kind, RecurrentPPO):
-        for name in OURS:
-            del settings[name]
+    ours = issubclass(kind, RecurrentPPO)
+    settings = ppo.settings() if ours else ppo.stock_settings()
     model = kind("MlpLstmPolicy", env, seed=seed, device="cpu", policy_kwargs=network, **settings)
-    if not issubclass(kind, RecurrentPPO):
+    if not ours:
         half_life = ppo.learning_rate_half_life or math.inf
         model.policy.log_std.requires_grad_(ppo.learn_noise)
         model.lr_schedule = lambda _: ppo.learning_rate * 0.5 ** (model.num_timesteps / half_life)

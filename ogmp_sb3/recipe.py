@@ -15,6 +15,8 @@ from ogmp_sb3.schema import Where, read, read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
+OURS = ("chunk_length", "learning_rate_half_life", "learn_noise")  # settings that sb3-contrib's class does not have
+OF_NETWORK = ("lstm_hidden_size", "n_lstm_layers")
 MAX_THREADS = 1024
 MAX_SEED = 2**32 - 1  # of numpy's global generator, which Stable-Baselines3 seeds
 PPO_RANGES: dict[str, tuple[float, float]] = {
@@ -94,10 +96,11 @@ class PPOConfig:
 
     def settings(self) -> dict[str, Any]:
         """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
-        values = asdict(self)
-        for name in ("lstm_hidden_size", "n_lstm_layers"):
-            del values[name]
-        return values
+        return self.stock_settings() | {name: getattr(self, name) for name in OURS}
+
+    def stock_settings(self) -> dict[str, Any]:
+        """Those of them that sb3-contrib's own class has too."""
+        return {name: value for name, value in asdict(self).items() if name not in (*OURS, *OF_NETWORK)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 from ogmp_sb3.config import load_task
-from ogmp_sb3.learner import OURS
 from ogmp_sb3.recipe import DEFAULTS, default_ppo
 from ogmp_sb3.schema import read_yaml
 
@@ -14,9 +13,6 @@ from ogmp_sb3.schema import read_yaml
 def ppo_lstm() -> dict[str, Any]:
     """Plain data, as the Zoo saves it beside the model."""
     settings, action = default_ppo(), load_task("parkour").action
-    keywords = settings.settings()
-    for name in OURS:  # the Zoo trains with sb3-contrib's own RecurrentPPO
-        del keywords[name]
     return {
         "n_envs": read_yaml(DEFAULTS)["num_envs"],
         "n_timesteps": read_yaml(DEFAULTS)["total_timesteps"],
@@ -28,7 +24,7 @@ def ppo_lstm() -> dict[str, Any]:
             "n_lstm_layers": settings.n_lstm_layers,
             "log_std_init": math.log(action.noise / action.scale),
         },
-        **keywords,
+        **settings.stock_settings(),  # the Zoo trains with sb3-contrib's own RecurrentPPO
     }
 
 

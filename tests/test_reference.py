@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import queries
 
 from ogmp_sb3.definitions import GaitConfig
 from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
@@ -28,12 +29,7 @@ PACE = ModeCall("pace", {"v": 0.8, "length": 3.0})
 
 def laid(*calls: ModeCall) -> np.ndarray:
     """The spans of modes one after another, and a hold, shape (1, spans, SPAN_SIZE)."""
-    rows, offset = [], 0.0
-    for call in calls:
-        segment = call.segment()
-        rows += [span_row(span, offset) for span in segment.spans]
-        offset += segment.length
-    return span_array(rows)[None]
+    return queries.laid(*calls)[None]
 
 
 def ask(spans: np.ndarray, steps: int, timed: bool = False, gait: GaitConfig = GAIT, **start: float) -> SetPoints:
