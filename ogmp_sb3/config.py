@@ -154,6 +154,8 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
         for key, range_ in ranges.items():
             if range_.words:
                 raise ValueError(f"{inside / 'modes' / name / key} is a word, which has no values between two levels.")
+            if name in task.mode_ranges and key not in task.mode_ranges[name]:
+                raise KeyError(f"{inside / 'modes' / name / key} needs 'modes.{name}.{key}' too, its value at level 1.")
     _check_names(task.curriculum.weights, task.modes, inside / "weights")
     start = [task.curriculum.weights.get(m, task.sampling.weights.get(m, 1.0)) for m in task.mode_ranges]
     if not any(w > 0 for w in start):

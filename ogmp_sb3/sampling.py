@@ -54,7 +54,7 @@ class ModeSampler:
         self._order, self._names = task.sampling, list(task.mode_ranges)
         easy = task.curriculum or CurriculumConfig()
         self._parameters = {
-            name: [(key, easy.modes.get(name, {}).get(key, full), full) for key, full in ranges.items()]
+            name: {key: (easy.modes.get(name, {}).get(key, full), full) for key, full in ranges.items()}
             for name, ranges in task.mode_ranges.items()
         }
         self._full = np.array([task.sampling.weights.get(name, 1.0) for name in self._names])
@@ -67,17 +67,16 @@ class ModeSampler:
         :param index: how many modes came before
         :param level: curriculum level, 0 to 1
         """
-        own: dict[str, Range] = {}  # of a place in a sequence
+        own: dict[str, tuple[Range, Range]] = {}  # of a place in a sequence
         if self._order.order == "random":
             weights = np.cumsum(self._start + level * (self._full - self._start))
             name = self._names[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
         else:
             sequence = self._order.sequence
             entry = sequence[index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)]
-            name, own = entry.mode, entry.ranges
-        return ModeCall(
-            name, {key: _draw(own.get(key, a), own.get(key, b), level, rng) for key, a, b in self._parameters[name]}
-        )
+            name, own = entry.mode, {key: (range_, range_) for key, range_ in entry.ranges.items()}
+        parameters = {**self._parameters[name], **own}
+        return ModeCall(name, {key: _draw(*ranges, level, rng) for key, ranges in parameters.items()})
 
 
 def corner_segments(task: TaskConfig) -> Iterator[Segment]:

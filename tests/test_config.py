@@ -31,6 +31,18 @@ def test_a_curriculum_cannot_move_a_word(tmp_path: Path) -> None:
     assert "'curriculum.modes.flip.r' is a word, which has no values between two levels" in message
 
 
+def test_a_curriculum_moves_only_what_the_task_gives_a_value(tmp_path: Path) -> None:
+    message = sentence(
+        KeyError,
+        write(
+            tmp_path,
+            put(SHIPPED["parkour"], "modes.leap.run_up", MISSING)
+            | {"curriculum": {"modes": {"leap": {"run_up": 0.6}}}},
+        ),
+    )
+    assert "'curriculum.modes.leap.run_up' needs 'modes.leap.run_up' too" in message
+
+
 def test_noise_on_an_observation_that_is_not_there_is_refused(tmp_path: Path) -> None:
     data = put(put(SHIPPED["dive"], "randomisation", {"sensor_noise": 0.1}), "observations.proprioception", None)
     assert "'randomisation.sensor_noise' disturbs 'proprioception'" in sentence(ValueError, write(tmp_path, data))

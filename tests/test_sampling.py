@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mistakes import SHIPPED, put, write
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.modes import jump
@@ -109,6 +110,13 @@ def test_a_place_in_a_sequence_with_a_parameter_of_its_own_follows_the_curriculu
     }
     calls = draw(load_task("parkour", overrides), level=0.0, draws=50)
     assert all(call.parameters["w"] == 0.4 and 0.02 <= call.parameters["h"] <= 0.05 for call in calls)
+
+
+def test_a_place_in_a_sequence_can_have_a_parameter_that_the_tasks_mode_leaves_to_its_default(tmp_path):
+    data = put(put(SHIPPED["parkour"], "curriculum", None), "modes.pace", {"v": 1.0})
+    sequence = {"order": "sequence", "sequence": [{"pace": {"length": 3.0}}, "pace"]}
+    task = load_task(write(tmp_path, put(data, "sampling", sequence)))
+    assert [call.parameters for call in draw(task, draws=2)] == [{"v": 1.0, "length": 3.0}, {"v": 1.0}]
 
 
 def test_modes_drawn_at_level_zero_are_the_curriculums():
