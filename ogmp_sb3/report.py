@@ -67,7 +67,7 @@ HELP = cli.usage(
         "ogmp-report run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-report run=parkour out=report grids=false",
         "ogmp-report run=runs/dive/2026-01-31_12-00-00 policy=best variants=oracle traces=4",
-        "ogmp-report sweep=runs/parkour/2026-01-31_14-00-00 episodes=100",
+        "ogmp-report sweep=runs/sweeps/2026-01-31_14-00-00 episodes=100",
     ],
     ReportConfig,
     "any other key of the task file, for the evaluations, e.g. evaluation.track_length=20",

@@ -1,10 +1,13 @@
 """Tests of the registry: names, signatures as schemas, and messages that say what is allowed."""
 
+from pathlib import Path
+
 import pytest
 
 from ogmp_sb3 import registry
 from ogmp_sb3.registry import NameTaken, Registry, did_you_mean
 
+DOCS = Path(__file__).parents[1] / "docs"
 ALL = {
     "mode": registry.modes,
     "oracle": registry.oracles,
@@ -139,3 +142,14 @@ def test_a_missing_parameter_is_an_error(terms: Registry) -> None:
 def test_checking_an_unknown_name_is_an_error(terms: Registry) -> None:
     with pytest.raises(KeyError, match="unknown term 'pag'"):
         terms.check("pag", [])
+
+
+@pytest.mark.parametrize("kind", ALL.values(), ids=ALL)
+def test_the_documentation_tells_of_everything_that_ships(kind: Registry) -> None:
+    pages = [(DOCS / name).read_text(encoding="utf-8") for name in ("task-file.md", "evaluate.md")]
+    rows = [line for page in pages for line in page.splitlines() if line.startswith("|")]
+    ours = [name for name in kind.names() if kind.get(name).__module__.startswith("ogmp_sb3.")]
+    assert ours
+    for name in ours:
+        words = [f"`{word}`" for word in (name, *kind.parameters(name))]
+        assert any(all(word in row for word in words) for row in rows), f"no row names {', '.join(words)}"
