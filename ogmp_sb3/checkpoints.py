@@ -23,6 +23,7 @@ from gymnasium import spaces
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import PACKAGE, task_from_data, task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.files import fresh, put_in_place, remove
 from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import LstmPolicy, Network, policy_kwargs
@@ -32,11 +33,8 @@ from ogmp_sb3.sb3_zip import load_zip
 from ogmp_sb3.schema import Where, read, read_yaml
 from ogmp_sb3.storage import (
     MANIFEST,
-    fresh,
     load_json,
     load_tensors,
-    put_in_place,
-    remove,
     save_json,
     save_tensors,
     verify,

@@ -22,7 +22,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
 from ogmp_sb3 import unstable
-from ogmp_sb3.storage import reason
+from ogmp_sb3.files import reason, replacing
 
 STEP_COLUMN = "time/total_timesteps"
 
@@ -87,12 +87,10 @@ class CsvWriter(KVWriter):
             csv.DictWriter(file, self.columns).writerow(row)
 
     def _rewrite(self) -> None:
-        temporary = self.path.with_suffix(".csv.tmp")
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with replacing(self.path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self.columns)
             writer.writeheader()
             writer.writerows(self.rows)
-        temporary.replace(self.path)
         self._whole = True
 
 

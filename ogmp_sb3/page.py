@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 
 from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.files import replacing
 
 TEMPLATES = PACKAGE / "templates"
 Rows = list[dict[str, Any]]
@@ -87,8 +88,8 @@ def make_picture(out: Path, name: str, caption: str, rows: Rows, draw: Callable[
 
 
 def write_csv(path: Path, rows: Rows) -> None:
-    """Write rows with a line of headings; nan is an empty cell."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    """Write rows with a line of headings, all or nothing; nan is an empty cell."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows({key: "" if value != value else value for key, value in row.items()} for row in rows)
@@ -107,6 +108,5 @@ def write_page(path: Path, title: str, subtitle: str, sections: list[Section]) -
     loader = jinja2.FileSystemLoader(TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     html = environment.get_template("report.html").render(title=title, subtitle=subtitle, sections=sections)
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(html, encoding="utf-8")
-    temporary.replace(path)
+    with replacing(path) as file:
+        file.write_text(html, encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from omegaconf import OmegaConf
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.failures import FAILURE
+from ogmp_sb3.files import occupied
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
 from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
@@ -23,10 +23,8 @@ from ogmp_sb3.training import RESUMABLE
 
 FINISHED, RUNNING, STOPPED, FAILED = "finished", "running", "stopped", "failed"
 MISSING, DAMAGED = "missing", "damaged"
-QUIET = 600.0  # s: a run that has written nothing for so long is not running
 LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
 LOG, OVERRIDES, MULTIRUN = "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
-WRITTEN = (".hydra/*", CONFIG, LOG, "events.*", "checkpoints/*")  # by a training, unlike reports
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,8 @@ class Run:
     log: dict[str, np.ndarray]
     """``progress.csv`` by column, each of shape (rows,); nan where a cell is empty"""
     state: str
-    """finished: all samples; running: wrote something lately; stopped: has a checkpoint to go on from;
-    failed: has none; missing: was never started, or has gone; damaged: has a file that cannot be read"""
+    """finished: all samples; running: a process trains there; stopped: has a checkpoint to go on from; failed: has
+    none; missing: was never started, or has gone; damaged: has a file that cannot be read"""
     problem: str = ""
     """a sentence on why it is damaged, or failed"""
 
@@ -65,9 +63,10 @@ class Run:
 
     def setting(self, key: str) -> Any:
         """The value of a key of the command line; one that was not given is looked up in ``config.yaml``."""
-        for override in self.overrides:
-            if _plain(override.partition("=")[0]) == key:
-                return OverridesParser.create().parse_override(override).value()
+        given = [override for override in self.overrides if _plain(override.partition("=")[0]) == key]
+        if given:
+            short = [override for override in given if "task." not in override.partition("=")[0]]  # it is the one used
+            return OverridesParser.create().parse_override((short or given)[-1]).value()
         for part in ("task", "train"):
             node = self.config.get(part)
             for name in key.split("."):
@@ -176,8 +175,7 @@ def _state(path: Path, config: dict[str, Any], log: dict[str, np.ndarray]) -> st
     total = config.get("train", {}).get("total_timesteps")
     if total is not None and _samples(path, log) >= total:
         return FINISHED
-    written = [file for pattern in WRITTEN for file in path.glob(pattern)]
-    if time.time() - max((file.stat().st_mtime for file in written), default=0.0) < QUIET:
+    if occupied(path):
         return RUNNING
     return STOPPED if checkpoint_dirs(path) else FAILED
 

@@ -20,6 +20,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from ogmp_sb3.files import replacing
 from ogmp_sb3.registry import did_you_mean
 
 T = TypeVar("T")
@@ -65,9 +66,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def write_yaml(path: Path, data: dict[str, Any]) -> None:
     """Write plain data as YAML, all or nothing."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    OmegaConf.save(OmegaConf.create(data), temporary)
-    temporary.replace(path)
+    with replacing(path) as file:
+        OmegaConf.save(OmegaConf.create(data), file)
 
 
 def read_value(text: str) -> Any:

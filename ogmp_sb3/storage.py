@@ -1,19 +1,12 @@
-"""Files that are whole or not there: directories put in place at once, checksums, tensors and JSON without pickle.
-
-A process can be killed between any two of its calls. So a directory is written under a name that nobody reads and
-then renamed; one that is to go is renamed first; and :func:`tidy` puts right what a kill has left.
-"""
+"""What policies and trainings are stored as: tensors and JSON, nothing that can run code, and their checksums."""
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 import re
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -21,80 +14,10 @@ import torch as th
 from safetensors import SafetensorError
 from safetensors.torch import load, save_file
 
+from ogmp_sb3.files import replacing
+
 MANIFEST = "manifest.json"
 _ERROR_CODE = re.compile(r"(?:os error|code:) (\d+)")  # how Rust writes the number of a system error
-
-
-def fresh(folder: Path) -> Path:
-    """An empty directory to write ``folder`` in, until :func:`put_in_place`."""
-    temporary = _beside(folder, "tmp")
-    remove(temporary)
-    temporary.mkdir(parents=True)
-    return temporary
-
-
-def put_in_place(temporary: Path, folder: Path) -> None:
-    """Make a finished directory take the place of ``folder``, which may exist.
-
-    Killed at any moment, either the old one or the new one is there, at the latest after :func:`tidy`.
-    """
-    for path in [*temporary.rglob("*"), temporary]:
-        _sync(path)
-    old = _beside(folder, "old")
-    if folder.exists():
-        remove(old)
-        folder.rename(old)
-    temporary.rename(folder)
-    _sync(folder.parent)
-    remove(old)
-
-
-def remove(folder: Path) -> None:
-    """Remove a directory, if it is there, so that no half of it is ever seen under its name."""
-    gone = _beside(folder, "gone")
-    shutil.rmtree(gone, ignore_errors=True)
-    if folder.exists():
-        folder.rename(gone)
-        shutil.rmtree(gone, ignore_errors=True)
-
-
-def tidy(parent: Path, pattern: str = "*") -> None:
-    """Put right what a kill has left in a directory: a replaced one comes back or goes, unfinished ones go.
-
-    :param pattern: names of what is written there
-    """
-    for old in parent.glob(f".{pattern}.old"):
-        folder = parent / old.name[1 : -len(".old")]
-        if folder.exists():
-            remove(old)
-        else:
-            old.rename(folder)
-    for ending in ("tmp", "gone"):
-        for unfinished in parent.glob(f".{pattern}.{ending}"):
-            if unfinished.is_dir():
-                shutil.rmtree(unfinished, ignore_errors=True)
-            else:
-                unfinished.unlink()
-
-
-@contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Be the only process that writes in a directory; a lock goes with its process, however that ends.
-
-    :raises ValueError: if another process is there
-    """
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise ValueError(f"{folder}: another process is training there.") from None
-    except OSError:
-        pass  # a file system without locks
-    try:
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def write_manifest(folder: Path) -> None:
@@ -157,8 +80,9 @@ def check_shapes(expected: Mapping[str, tuple[int, ...]], tensors: Mapping[str, 
 
 
 def save_json(path: Path, data: dict[str, Any]) -> None:
-    """Write plain data."""
-    path.write_text(json.dumps(data, indent=1), encoding="utf-8")
+    """Write plain data, all or nothing."""
+    with replacing(path) as file:
+        file.write_text(json.dumps(data, indent=1), encoding="utf-8")
 
 
 def load_json(path: Path) -> dict[str, Any]:
@@ -177,25 +101,6 @@ def load_json(path: Path) -> dict[str, Any]:
     return data
 
 
-def reason(error: OSError) -> str:
-    """What went wrong with a file, in the words of the operating system: ``No space left on device``."""
-    return error.strerror or str(error)
-
-
-def _beside(folder: Path, ending: str) -> Path:
-    """``.<name>.<ending>``, also for a name that is of this form already."""
-    name = folder.name.removeprefix(".").removesuffix(".tmp").removesuffix(".old")
-    return folder.with_name(f".{name}.{ending}")
-
-
 def checksum(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -15,13 +15,14 @@ from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.files import alone, reason
 from ogmp_sb3.latent import copy_encoder
 from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
 from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
-from ogmp_sb3.storage import alone, load_json, reason
+from ogmp_sb3.storage import load_json
 from ogmp_sb3.unstable import FOLDER as UNSTABLE
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run

@@ -18,6 +18,7 @@ from safetensors.numpy import save
 from ogmp_sb3.config import task_from_data
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.files import replacing
 from ogmp_sb3.schema import Where, read
 from ogmp_sb3.sim import Simulation
 
@@ -97,9 +98,8 @@ def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
     arrays = {"state": step.state, "terrain": step.terrain, "action": step.action}
     plain = {"format": FORMAT, **step.info, "varied": step.varied, **info}
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_bytes(save(arrays, {KEY: json.dumps(plain)}))
-    temporary.replace(path)
+    with replacing(path) as file:
+        file.write_bytes(save(arrays, {KEY: json.dumps(plain)}))
 
 
 def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:

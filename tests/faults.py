@@ -9,6 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import torch as th
+
+from ogmp_sb3.files import LOCK, fresh, put_in_place
+from ogmp_sb3.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
+
 WATCHED = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate", "shutil.rmtree", "shutil.copyfile")
 NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -51,4 +56,22 @@ def killed_at(access: int, folder: Path) -> Iterator[list[bool]]:
 
 def hidden(folder: Path) -> list[str]:
     """Names of what is half done or put aside."""
-    return sorted(path.name for path in folder.rglob(".*"))
+    return sorted(path.name for path in folder.rglob(".*") if path.name != LOCK)
+
+
+def write_version(folder: Path, version: int) -> None:
+    """A directory with a number in it, all or nothing."""
+    temporary = fresh(folder)
+    save_json(temporary / "a.json", {"version": version})
+    (temporary / "inner").mkdir()
+    save_tensors(temporary / "inner" / "b.safetensors", {"version": th.tensor(version)})
+    write_manifest(temporary)
+    put_in_place(temporary, folder)
+
+
+def read_version(folder: Path) -> int:
+    """The number of a directory that is whole."""
+    verify(folder, "a.json", "inner/b.safetensors")
+    found = {load_json(folder / "a.json")["version"], int(load_tensors(folder / "inner" / "b.safetensors")["version"])}
+    (one,) = found
+    return one

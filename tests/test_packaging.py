@@ -20,9 +20,9 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"plugins", "rotations", "opengl", "storage"},
+    {"plugins", "rotations", "opengl", "files"},
     {"registry"},
-    {"schema", "srb"},
+    {"schema", "srb", "storage"},
     {"ranges"},
     {"snapshots"},
     {"randomisation", "restarts", "curriculum", "robot"},

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
-import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,10 @@ import pytest
 import yaml
 
 from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.failures import FAILURE
+from ogmp_sb3.files import alone
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import read_log, read_run, read_sweep, swept_keys
-
-HOURS_AGO = time.time() - 7200
 
 
 def write_log(path: Path, steps: list[int], **columns: list[float | str]) -> None:
@@ -28,7 +27,7 @@ def write_log(path: Path, steps: list[int], **columns: list[float | str]) -> Non
 def make_run(
     path: Path, overrides: list[str], total: int = 1000, steps: int = 0, checkpoint: int = 0, config: bool = True
 ) -> Path:
-    """A run directory as ogmp-train leaves it, quiet for two hours."""
+    """A run directory as ogmp-train leaves it."""
     (path / ".hydra").mkdir(parents=True)
     (path / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(overrides))
     if config:
@@ -42,13 +41,11 @@ def make_run(
         folder = path / "checkpoints" / f"{checkpoint:012d}"
         folder.mkdir(parents=True)
         (folder / "policy.json").write_text("{}")
-    for file in path.rglob("*"):
-        os.utime(file, (HOURS_AGO, HOURS_AGO))
     return path
 
 
 @pytest.mark.parametrize(
-    ("total", "steps", "checkpoint", "config", "fresh", "state"),
+    ("total", "steps", "checkpoint", "config", "trains", "state"),
     [
         (1000, 900, 1024, True, False, "finished"),
         (1000, 500, 0, True, True, "running"),
@@ -59,22 +56,19 @@ def make_run(
     ],
 )
 def test_the_state_of_a_run(
-    total: int, steps: int, checkpoint: int, config: bool, fresh: bool, state: str, tmp_path: Path
+    total: int, steps: int, checkpoint: int, config: bool, trains: bool, state: str, tmp_path: Path
 ) -> None:
     path = make_run(tmp_path / "run", ["task=parkour"], total, steps, checkpoint, config)
-    if fresh:
-        os.utime(next(path.glob(".hydra/*")))
-    run = read_run(path)
+    with alone(path) if trains else contextlib.nullcontext():
+        run = read_run(path)
     assert run.state == state
     assert run.samples == max(steps, checkpoint)
 
 
-def test_a_run_that_was_reported_on_is_not_running(tmp_path: Path) -> None:
-    path = make_run(tmp_path / "run", [], steps=500, checkpoint=256)
-    (path / "evaluation").mkdir()
-    (path / "evaluation" / "results.jsonl").write_text("{}")
-    (path / "run.mp4").write_text("")
-    assert read_run(path).state == "stopped"
+def test_a_run_that_has_just_failed_says_why(tmp_path: Path) -> None:
+    path = make_run(tmp_path / "run", ["rho=-1"], config=False)
+    (path / FAILURE).write_text("'rho' must be above 0")
+    assert (read_run(path).state, read_run(path).problem) == ("failed", "'rho' must be above 0")
 
 
 def test_the_log_has_the_numbers_of_the_file_and_nan_where_a_cell_is_empty(tmp_path: Path) -> None:
@@ -105,14 +99,15 @@ def test_a_setting_is_that_of_the_command_line_or_else_of_the_configuration(tmp_
     assert run.setting("bound") == {"z": 1}
     assert (run.setting("oracle"), run.setting("action.scale"), run.setting("seed")) == ("preview", 2.0, 0)
     assert run.setting("nonsense") is None
+    twice = read_run(make_run(tmp_path / "twice", ["rho=0.1", "rho=0.5", "task.rho=0.3", "task.horizon=7"]))
+    assert (twice.setting("rho"), twice.setting("horizon")) == (0.5, 7)  # as in training
     assert run.command == "ogmp-train task=parkour rho=null +task.horizon=15 task.bound={z:1}"
 
 
 def make_sweep(folder: Path, sweeper: str = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper") -> Path:
-    """Six jobs were asked for; one finished, one runs, one failed, three were never started."""
+    """Six jobs were asked for; one finished, one was stopped, one failed, three were never started."""
     make_run(folder / "0", ["task=parkour", "rho=0.3", "oracle=linear"], steps=1000, checkpoint=1000)
-    make_run(folder / "1", ["task=parkour", "rho=0.3", "oracle=lqr"], steps=300)
-    os.utime(folder / "1" / "progress.csv")
+    make_run(folder / "1", ["task=parkour", "rho=0.3", "oracle=lqr"], steps=300, checkpoint=256)
     make_run(folder / "2", ["task=parkour", "rho=0.5", "oracle=linear"], config=False)
     (folder / "report").mkdir()
     (folder / "report" / "report.html").write_text("an earlier page")
@@ -126,7 +121,7 @@ def test_a_sweep_lists_every_job_that_was_asked_for_in_order(tmp_path: Path) -> 
     jobs = read_sweep(make_sweep(tmp_path))
     assert [(job.setting("rho"), job.setting("oracle"), job.state) for job in jobs] == [
         (0.3, "linear", "finished"),
-        (0.3, "lqr", "running"),
+        (0.3, "lqr", "stopped"),
         (0.5, "linear", "failed"),
         (0.5, "lqr", "missing"),
         (None, "linear", "missing"),
@@ -209,7 +204,7 @@ def test_a_job_with_a_damaged_file_is_listed_with_the_reason(file: str, tmp_path
     jobs = read_sweep(folder)
     (damaged,) = (job for job in jobs if job.state == "damaged")
     assert f"0/{file}: not readable" in damaged.problem
-    assert [job.state for job in jobs if job.path.name in ("1", "2")] == ["running", "failed"]
+    assert [job.state for job in jobs if job.path.name in ("1", "2")] == ["stopped", "failed"]
     missing = 4 if file.endswith("overrides.yaml") else 3  # whose command line it is that is damaged cannot be known
     assert sum(job.state == "missing" for job in jobs) == missing
 

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, whenever the process is killed; and files that are damaged are said to be."""
+"""Tensors, JSON and checksums: what is damaged is said to be."""
 
 from __future__ import annotations
 
@@ -7,122 +7,18 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import torch as th
-from faults import hidden, killed_at
+from faults import write_version
 
-from ogmp_sb3.storage import (
-    MANIFEST,
-    alone,
-    check_shapes,
-    fresh,
-    load_json,
-    load_tensors,
-    put_in_place,
-    remove,
-    save_json,
-    save_tensors,
-    tidy,
-    verify,
-    write_manifest,
-)
-
-
-def write(folder: Path, version: int) -> None:
-    temporary = fresh(folder)
-    save_json(temporary / "a.json", {"version": version})
-    (temporary / "inner").mkdir()
-    save_tensors(temporary / "inner" / "b.safetensors", {"version": th.tensor(version)})
-    write_manifest(temporary)
-    put_in_place(temporary, folder)
-
-
-def version(folder: Path) -> int:
-    verify(folder, "a.json", "inner/b.safetensors")
-    found = {load_json(folder / "a.json")["version"], int(load_tensors(folder / "inner" / "b.safetensors")["version"])}
-    (one,) = found
-    return one
-
-
-@pytest.mark.parametrize("there", [False, True])
-def test_a_directory_killed_at_any_access_is_the_old_one_or_the_new_one(there: bool, tmp_path: Path) -> None:
-    seen = []
-    for access in range(100):
-        folder = tmp_path / str(access) / "best"
-        if there:
-            write(folder, 1)
-        with killed_at(access, tmp_path) as killed:
-            write(folder, 2)
-        tidy(folder.parent)
-        seen.append(version(folder) if folder.exists() else 0)
-        assert hidden(tmp_path) == []
-        if not killed[0]:
-            break
-    assert seen[-1] == 2 and access > 10
-    assert set(seen) == ({1, 2} if there else {0, 2})
-    assert sorted(seen) == seen  # once the new one is in place it stays
-
-
-def test_a_kill_before_and_after_makes_no_difference_to_the_next_write(tmp_path: Path) -> None:
-    """Nobody tidies up between two kills."""
-    folder = tmp_path / "best"
-    write(folder, 0)
-    for access in (12, 3, 14, 9, 13, 1, 15):
-        with killed_at(access, tmp_path):
-            write(folder, 1)
-    write(folder, 2)
-    assert version(folder) == 2
-    tidy(tmp_path)
-    assert hidden(tmp_path) == []
-
-
-def test_a_directory_that_is_removed_is_whole_or_gone(tmp_path: Path) -> None:
-    for access in range(100):
-        folder = tmp_path / str(access) / "old"
-        write(folder, 1)
-        with killed_at(access, tmp_path) as killed:
-            remove(folder)
-        assert not folder.exists() or version(folder) == 1
-        tidy(folder.parent)
-        assert hidden(tmp_path) == []
-        if not killed[0]:
-            break
-    assert access > 3
-
-
-def test_tidying_leaves_what_is_not_of_its_names(tmp_path: Path) -> None:
-    for name in (".best.tmp", ".mine.tmp", "best.tmp"):
-        (tmp_path / name).mkdir()
-    (tmp_path / ".best.yaml.tmp").write_text("")
-    tidy(tmp_path, "best")
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".best.yaml.tmp", ".mine.tmp", "best.tmp"]
-    tidy(tmp_path, "best.yaml")
-    assert not (tmp_path / ".best.yaml.tmp").exists()
-
-
-def test_two_processes_cannot_write_in_one_directory_and_a_lock_goes_with_its_process(tmp_path: Path) -> None:
-    code = "import os, sys; from ogmp_sb3.storage import alone\nwith alone(__import__('pathlib').Path(sys.argv[1])): "
-    holder = [sys.executable, "-c", code + "print('has it', flush=True); sys.stdin.read()", str(tmp_path)]
-    with subprocess.Popen(holder, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"has it\n"
-        with pytest.raises(ValueError, match="another process is training there"), alone(tmp_path):
-            pass
-        process.kill()
-        process.wait()
-        with alone(tmp_path):
-            assert list(tmp_path.iterdir()) == []
-
-
-# ---- damage ----
+from ogmp_sb3.storage import MANIFEST, check_shapes, load_json, load_tensors, save_tensors, verify
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    write(tmp_path / "whole", 1)
+    write_version(tmp_path / "whole", 1)
     return tmp_path / "whole"
 
 
