@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import multiprocessing
 import platform
 import resource
@@ -35,6 +34,7 @@ from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.sim import Simulation
+from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-bench"
 FASTEST_CHUNK = 16  # steps: the fastest chunks on two cores
@@ -48,7 +48,7 @@ class BenchConfig:
     what: Literal["sim", "learner", "train", "physics"] = cli.option(
         "sim, learner, train or physics; the key may be left out"
     )
-    task: str = cli.option("a task by name or the path of a YAML file", "parkour")
+    task: str | None = cli.option("a task by name or the path of a YAML file; null: parkour, or that of 'run'", None)
     num_envs: int = cli.option("environments of the comparison", 64)
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or four rollouts", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
@@ -62,6 +62,8 @@ class BenchConfig:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
         if self.run and self.what != "physics":
             raise ValueError(f"'run' is for 'physics' alone, not for '{self.what}'.")
+        if self.steps and self.what in ("learner", "physics"):
+            raise ValueError(f"'steps' is for 'sim' and 'train', not for '{self.what}'.")
         if self.steps < 0:
             raise ValueError(f"'steps' must be at least 0 (0: a default), found {self.steps}.")
 
@@ -314,12 +316,14 @@ def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"what={a}" for a in arguments]
     config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     th.set_num_threads(thread_count("auto"))
+    if config.json:
+        Path(config.json).parent.mkdir(parents=True, exist_ok=True)
     if config.run:
-        loaded = load_policy(config.run, config.trust, config.task if Path(config.run).is_file() else None)
+        loaded = load_policy(config.run, config.trust, config.task)
         task = task_for_test(loaded.task_data, loaded.task_path, overrides, None, PROGRAM, TRAINING_ONLY)
         numbers = bench_physics(task, loaded.policy, config.num_envs, config.repeats)
     else:
-        task = load_task(config.task, overrides)
+        task = load_task(config.task or "parkour", overrides)
         if config.what == "physics":
             numbers = bench_physics(task, None, config.num_envs, config.repeats)
         else:
@@ -331,11 +335,11 @@ def _run(arguments: list[str]) -> None:
         table.add_row(name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}")
     cli.console().print(table)
     if config.json:
-        report = {"config": asdict(config), "numbers": numbers, "cores": thread_count("auto"), "versions": versions()}
-        Path(config.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
+        cores = thread_count("auto")
+        report = {"config": asdict(config), "overrides": overrides, "numbers": numbers, "cores": cores}
+        save_json(Path(config.json), {**report, "versions": versions()})
         if any("per_second" in name for name in numbers):
-            title = f"{PROGRAM} {config.what}, {thread_count('auto')} cores"
-            plot_throughput(title, numbers, Path(config.json).with_suffix(".png"))
+            plot_throughput(f"{PROGRAM} {config.what}, {cores} cores", numbers, Path(config.json).with_suffix(".png"))
 
 
 def main() -> None:

@@ -65,7 +65,7 @@ def record_windows(task: TaskConfig, policy: LstmPolicy | None, num_envs: int = 
         if policy is None:
             action = task.action.noise / task.action.scale * rng.standard_normal((num_envs, env.action_size))
         else:
-            action, memory = policy.predict(observation, memory, starts)
+            action, memory = policy.predict(observation, memory, starts, deterministic=True)
         result = env.step(action)
         for row, _, _, commands in open_windows:
             commands.append(env.sim.ctrl[row].copy())

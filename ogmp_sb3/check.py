@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,10 +24,12 @@ from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.srb import POS, SRB, STATE_SIZE
+from ogmp_sb3.storage import save_json
 from ogmp_sb3.unstable import load_step, replay
 
 PROGRAM = "ogmp-check"
 DROP = 0.1  # m
+LONGEST = 10.0  # s, of a reference along the track that is drawn: at rest it has no end
 PLACE = ("num_timesteps", "environment", "seed", "control_step")  # of a step in which a simulation failed
 DECIDING = ("ogmp_sb3", "mujoco")  # versions that a simulation depends on
 SAME = 0.01  # relative difference up to which a robot's file and model agree
@@ -38,7 +39,7 @@ SAME = 0.01  # relative difference up to which a robot's file and model agree
 class CheckConfig:
     """Keys of the command line."""
 
-    task: str | None = cli.option("a task by name or the path of a YAML file; the key may be left out", None)
+    task: str | None = cli.option("a task by name or the path of a YAML file; without the key, one or more", None)
     unstable: str | None = cli.option("file of a step in which a simulation failed, to replay: <run>/unstable/*", None)
     schema: str | None = cli.option("file for the JSON Schema of task files, for editors; needs no task", None)
     out: str | None = cli.option("directory for references.png; null: no picture", None)
@@ -56,6 +57,7 @@ HELP = cli.usage(
     [
         "ogmp-check parkour",
         "ogmp-check path/to/my_task.yaml out=check",
+        "ogmp-check tasks/*.yaml",
         "ogmp-check dive rho=0.1 oracle=lqr",
         "ogmp-check unstable=runs/parkour/2026-01-31_12-00-00/unstable/000000123456-7.safetensors",
         "ogmp-check schema=task.schema.json",
@@ -73,7 +75,9 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
         call = ModeCall(name, {key: _middle(range_) for key, range_ in ranges.items()})
         segment = call.segment()
         spans = span_array([span_row(span, 0.0) for span in segment.spans])[None]
-        duration = segment.spans[-1].end if segment.timed else segment.length / max(segment.spans[0].velocity[0], 1e-9)
+        speed = segment.spans[0].velocity[0]
+        duration = segment.length / speed if speed > 0 else LONGEST
+        duration = segment.spans[-1].end if segment.timed else min(duration, LONGEST)
         steps = np.array([max(1, round(duration / task.control_dt))])
         x0 = np.zeros((1, STATE_SIZE))
         x0[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height
@@ -166,16 +170,19 @@ def _range_text(range_: Range) -> str:
 
 
 def _run(arguments: list[str]) -> None:
-    arguments = [a if "=" in a else f"task={a}" for a in arguments]
-    config, overrides = cli.parse(CheckConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    names = [argument for argument in arguments if "=" not in argument]
+    keys = [*(f"task={name}" for name in names[:1]), *(argument for argument in arguments if "=" in argument)]
+    config, overrides = cli.parse(CheckConfig, keys, PROGRAM, cli.task_keys(TaskConfig))
+    if len(names) > 1 and config.out:
+        raise ValueError("'out' takes the picture of one task: check them one by one.")
     console = cli.console()
     if config.schema:
-        Path(config.schema).write_text(json.dumps(task_schema(), indent=1), encoding="utf-8")
+        save_json(Path(config.schema), task_schema())
         console.print(config.schema)
     if config.unstable:
         _replay(Path(config.unstable), console)
-    if config.task:
-        _check(load_task(config.task, overrides), config.out, console)
+    for name in filter(None, (config.task, *names[1:])):
+        _check(load_task(name, overrides), config.out, console)
 
 
 def _check(task: TaskConfig, out: str | None, console: Console) -> None:

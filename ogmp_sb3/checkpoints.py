@@ -8,6 +8,7 @@ and, if it observes the mode latent, ``encoder/``. A checkpoint of a training is
 
 from __future__ import annotations
 
+import filecmp
 import hashlib
 import json
 import shutil
@@ -24,7 +25,7 @@ from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import PACKAGE, task_from_data, task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.files import fresh, put_in_place, remove
-from ogmp_sb3.latent import copy_encoder
+from ogmp_sb3.latent import copy_encoder, encoder_dir
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import LstmPolicy, Network, policy_kwargs
 from ogmp_sb3.recurrent import RecurrentPPO
@@ -83,9 +84,14 @@ class LoadedPolicy:
 
     @property
     def digest(self) -> str:
-        """Which policy it is, and of which task: the beginning of the SHA-256 of its files and of the task's data."""
-        task = json.dumps(self.task_data, sort_keys=True).encode()
-        return hashlib.sha256(b"".join([*(file.read_bytes() for file in self.files), task])).hexdigest()[:16]
+        """Which policy it is, and of which task: the beginning of the SHA-256 of its files, its encoder's and its
+        robot's, and of the task's data. The paths that they were found by do not matter.
+        """
+        robot, latent = self.task.robot_config, self.task.uses_latent and self.task.encoder
+        encoder = sorted(encoder_dir(latent).iterdir()) if latent else []
+        files = [*self.files, robot.path, robot.mjcf_path, *encoder]
+        task = json.dumps({**self.task_data, "encoder": None}, sort_keys=True).encode()
+        return hashlib.sha256(b"".join([*(file.read_bytes() for file in files), task])).hexdigest()[:16]
 
 
 def save_checkpoint(
@@ -200,7 +206,7 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
         for key, kind in KNOWN.items():
             read(kind, info.get(key), where / key)  # type: ignore[arg-type]
         if (folder / ENCODER).is_dir():
-            task_data["encoder"] = str(folder / ENCODER)
+            task_data["encoder"] = str(_lasting(folder) / ENCODER)
         task_config = task_from_data(task_data, path)
     except (KeyError, TypeError, ValueError) as error:
         said = str(error.args[0])
@@ -220,6 +226,14 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
     _put_weights(policy, weights, folder)
     policy.set_training_mode(False)
     return LoadedPolicy(policy, task_config, task_data, path, info, folder)
+
+
+def _lasting(folder: Path) -> Path:
+    """Where the encoder of a policy stays: in its run, if it is the same there, for checkpoints go while it trains."""
+    run = folder.parent.parent if folder.parent.name == CHECKPOINTS else folder.parent
+    files = [file.name for file in (folder / ENCODER).iterdir()]
+    same = filecmp.cmpfiles(folder / ENCODER, run / ENCODER, files, shallow=False)[0]
+    return run if len(same) == len(files) else folder
 
 
 def _imported(file: Path, trust: bool, task: str | None) -> LoadedPolicy:
@@ -243,7 +257,7 @@ def policy_weights(folder: Path) -> Weights:
 
 
 def policy_dir(run: str | Path) -> Path:
-    """The directory that holds ``policy.json``.
+    """The directory that holds ``policy.json``: a directory that is there, or else that of a shipped policy.
 
     :raises KeyError: if there is none
     """
@@ -252,6 +266,8 @@ def policy_dir(run: str | Path) -> Path:
         return path
     if (path / CHECKPOINTS).is_dir():
         return latest_checkpoint(path)
+    if path.is_dir():
+        raise KeyError(f"'{run}' is a directory here, but neither a run nor a policy.")
     shipped = POLICIES_DIR / str(run)
     if len(path.parts) == 1 and (shipped / INFO).is_file():
         return shipped
@@ -266,7 +282,10 @@ def checkpoint_dirs(run_dir: Path) -> list[Path]:
 
 
 def checkpoint_info(folder: Path) -> dict[str, Any]:
-    """What the ``policy.json`` of a checkpoint says: the task, the samples, the mean return, the versions."""
+    """What the ``policy.json`` of a checkpoint says: the task, the samples, the mean return, the versions.
+
+    :raises ValueError: if it is damaged or missing
+    """
     return load_json(folder / INFO)
 
 

@@ -32,7 +32,7 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
     :return: the dataclass, and the arguments whose key is one of ``extra``
     :raises KeyError: for an unknown or missing key
     :raises TypeError: for a value of the wrong type
-    :raises ValueError: for an argument that is not ``key=value``
+    :raises ValueError: for an argument that is not ``key=value``, and a key that is given twice
     """
     fields = typing.get_type_hints(kind)
     values: dict[str, Any] = {}
@@ -42,6 +42,8 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
         if not sign:
             raise ValueError(f"'{argument}' must have the form key=value.")
         key = key.removeprefix("task.")
+        if key in values or any(other.partition("=")[0] == key for other in rest):
+            raise ValueError(f"'{key}' is given twice.")
         if key in fields:
             values[key] = _value(text, fields[key])
         elif key.split(".")[0] in extra:

@@ -1,7 +1,7 @@
 """Drive an exported policy without PyTorch and without ogmp_sb3: numpy and onnxruntime are all it needs.
 
-An observation is one vector of SI units. ``policy.json`` lists its components under ``observation.components``, each
-with its slice; which of these there are depends on the task::
+An observation is one vector of SI units. ``controller.json`` lists its components under ``observation.components``,
+each with its slice; which of these there are depends on the task::
 
     base_height      m      the base's origin over the ground below it; at most 2 m of depth are seen
     base_quat        1      orientation, w x y z, body to world; near (1, 0, 0, 0) at the start, never flips its sign
@@ -39,7 +39,7 @@ class Controller:
     def __init__(self, folder: str | Path) -> None:
         folder = Path(folder)
         try:
-            self.info = json.loads((folder / "policy.json").read_text(encoding="utf-8"))
+            self.info = json.loads((folder / "controller.json").read_text(encoding="utf-8"))
             for name, checksum in self.info["sha256"].items():
                 if hashlib.sha256((folder / name).read_bytes()).hexdigest() != checksum:
                     raise ValueError(f"{folder / name}: not the file that was exported (its checksum differs).")
@@ -51,7 +51,7 @@ class Controller:
         except OSError as error:
             raise ValueError(f"{error.filename}: not readable ({error.strerror}).") from None
         except (json.JSONDecodeError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
-            raise ValueError(f"{folder / 'policy.json'}: not what ogmp-export writes ({error}).") from None
+            raise ValueError(f"{folder / 'controller.json'}: not what ogmp-export writes ({error}).") from None
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # the network is too small for more
         self._session = onnxruntime.InferenceSession(folder / "policy.onnx", options, ["CPUExecutionProvider"])

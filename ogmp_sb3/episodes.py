@@ -84,14 +84,14 @@ def play_batch(
 
 
 def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:
-    """One step of every environment, as rows of an episode record."""
+    """One step of every environment, as rows of an episode record, which hold no more than themselves."""
     v = env.sim.base_qvel
     error = (view.state - view.reference)[:, np.r_[POS, VEL]]
-    return {
+    series = {
         "base_pos_w": view.base_pos_w,
         "base_quat": view.base_quat,
         "base_linvel_w": view.base_linvel_w,
-        "base_linacc_w": env.sim.qacc[:, v : v + 3].copy(),
+        "base_linacc_w": env.sim.qacc[:, v : v + 3],
         "height": view.base_pos_w[:, 2] - np.maximum(view.ground_height, 0.0),
         "state_error": np.linalg.norm(error, axis=1),
         "reward": reward,
@@ -99,3 +99,4 @@ def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.
         "phase": view.phase,
         "deviation": view.deviation,
     }
+    return {name: values.copy() for name, values in series.items()}

@@ -15,10 +15,11 @@ from rich.table import Table
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import shown_path
+from ogmp_sb3.course import extent
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
-from ogmp_sb3.grid import cell_task, read_grid
+from ogmp_sb3.grid import Grid, cell_task, read_grid
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
 from ogmp_sb3.page import write_csv
@@ -26,15 +27,15 @@ from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.recipe import versions
-from ogmp_sb3.robustness import as_rows, disturbance_sweeps, episode_sets, play_sweeps
-from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
+from ogmp_sb3.runs import default_out
 from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.storage import save_json
 from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"
+EPISODES, CELL_EPISODES = 100, 10
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
-CELL_EPISODES = 10
 MAX_DISTANCE = 200.0  # m
 ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 
@@ -44,12 +45,14 @@ class EvalConfig:
     """Keys of the command line."""
 
     run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
-    episodes: int = cli.option("how many episodes", 100)
+    episodes: int | None = cli.option(
+        f"how many episodes; null: {EPISODES}, and {CELL_EPISODES} for each cell of a grid", None
+    )
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     protocol: Literal["paper", "endless"] = cli.option("paper: as in the task file; endless: to a fall", "paper")
     max_distance: float = cli.option("endless: an episode is over this far along the track, m", MAX_DISTANCE)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
-    grid: str | None = cli.option(f"mode parameters to vary, {CELL_EPISODES} episodes a cell: jump.w,jump.h", None)
+    grid: str | None = cli.option("two parameters of a mode to vary, e.g. jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
     out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
@@ -57,7 +60,7 @@ class EvalConfig:
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
+        if self.episodes is not None and self.episodes < 1:
             raise ValueError(f"'episodes' must be at least 1, found {self.episodes}.")
         if self.seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
@@ -91,25 +94,11 @@ HELP = cli.usage(
 )
 
 
-def owner(run: str) -> Path | None:
-    """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
-    folder = Path(run).resolve()
-    if not folder.is_dir():
-        return None
-    return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
-
-
-def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
-    """Where results go that no directory is named for: not beside a policy that is replaced in time.
-
-    :param kind: of results: ``evaluation`` or ``report``
-    """
-    folder = owner(run)
-    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).resolve().relative_to(folder)
-
-
 def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
-    """Every metric of the task over a set of episodes, with the true objective."""
+    """Every metric of the task over a set of episodes, with the true objective.
+
+    :return: by name
+    """
     names = task.evaluation.metrics
     found = {name: summarise(registry.metrics.get(name)(r) for r in records) for name in names}
     found["true_objective"] = summarise(registry.objectives.get(task.objective)(r) for r in records)
@@ -117,7 +106,10 @@ def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summar
 
 
 def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[str, Summary]]:
-    """The metrics by each value of the word parameters of an episode's first mode (dive: by direction)."""
+    """The metrics by each value of the word parameters of an episode's first mode (dive: by direction).
+
+    :return: by ``parameter=word``, as of :func:`evaluate`
+    """
     groups: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         for key, value in record.modes[0].items():
@@ -127,17 +119,30 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
 
 
 def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
-    """The task as in training, with the user's overrides."""
+    """The task as in training, with the user's overrides.
+
+    :raises KeyError: for an unknown key or scene
+    :raises ValueError: for a value that is out of range, or one that the evaluation would not use
+    """
+    for override in overrides:
+        if config.robustness and override.startswith("evaluation.randomisation"):
+            raise ValueError(
+                f"'{override}': 'robustness' disturbs one thing at a time; its ranges are 'randomisation'."
+            )
     used = ("randomisation",) if config.robustness else ()
     return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, used)
 
 
 def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
-    """The task under the protocol wanted, with the user's overrides."""
+    """The task under the protocol wanted, with the user's overrides. Raises as :func:`training_task`."""
     task = training_task(loaded, overrides, config).for_evaluation()
     if config.protocol == "endless":
+        if extent(task).timed:
+            raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")
         steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
-        task = replace(task, track=replace(task.track, length=None), episode_steps=steps)
+        metrics = tuple(name for name in task.evaluation.metrics if name != "episode_length_fraction")  # of no limit
+        evaluation = replace(task.evaluation, metrics=metrics)
+        task = replace(task, track=replace(task.track, length=None), episode_steps=steps, evaluation=evaluation)
     return task
 
 
@@ -172,7 +177,12 @@ def evaluate_cell(
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Summary]:
-    """The metrics of one cell of a grid, on the tracks of :func:`~ogmp_sb3.grid.cell_task`."""
+    """The metrics of one cell of a grid, as of :func:`evaluate`, on the tracks of :func:`~ogmp_sb3.grid.cell_task`.
+
+    :param task: under the protocol wanted
+    :param cell: of :attr:`Grid.cells <ogmp_sb3.grid.Grid.cells>`; the rest as for
+        :func:`~ogmp_sb3.episodes.play_episodes`
+    """
     task = cell_task(task, mode, cell)
     return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))
 
@@ -193,9 +203,6 @@ def _run(arguments: list[str]) -> None:
     loaded = load_policy(config.run, config.trust, config.task)
     task = protocol_task(loaded, overrides, config)
     out = Path(config.out) if config.out else default_out(config.run, loaded, "evaluation")
-    out.mkdir(parents=True, exist_ok=True)
-    distance = config.max_distance if config.protocol == "endless" else None
-    console = cli.console()
     report: dict[str, Any] = {
         "run": shown_path(loaded.path),
         "policy": loaded.digest,
@@ -209,44 +216,81 @@ def _run(arguments: list[str]) -> None:
         "versions": versions(),
     }
     if config.grid:
-        grid = read_grid(config.grid, task, loaded.task)
-        with progress_bar(len(grid.cells) * CELL_EPISODES, "episode") as bar:
-            metrics = [
-                evaluate_cell(loaded.policy, task, grid.mode, cell, CELL_EPISODES, config.seed, bar.update)
-                for cell in grid.cells
-            ]
-        report["grid"] = grid.as_data(metrics)
-        save_json(out / "grid.json", report)
-        plot_grids([report["grid"]], "return", out / "grid.png")
-        console.print(f"{out / 'grid.png'}, {out / 'grid.json'}")
+        _grid(read_grid(config.grid, task, loaded.task), loaded, task, config, report, out)
     elif config.robustness:
-        sweeps = disturbance_sweeps(training_task(loaded, overrides, config))
-        with progress_bar(config.episodes * episode_sets(sweeps), "episode") as bar:
-            report["robustness"] = play_sweeps(
-                sweeps, loaded.policy, task, config.episodes, config.seed, distance, bar.update
-            )
-        save_json(out / "robustness.json", report)
-        write_csv(out / "robustness.csv", as_rows(report["robustness"]))
-        plot_robustness(report["robustness"], out / "robustness.png")
-        console.print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
+        _robustness(disturbances(training_task(loaded, overrides, config)), loaded, task, config, report, out)
     elif config.epsilon:
-        with progress_bar(config.episodes, "episode") as bar:
-            found = estimate_epsilon(loaded.policy, task, config.episodes, config.seed, bar.update)
-        trained = {"oracle": loaded.task.oracle, "rho": loaded.task.rho}
-        report["epsilon"] = {"what": ESTIMATE, "trained_with": trained, **found}
-        save_json(out / "epsilon.json", report)
-        _show_epsilon(report["epsilon"], console)
-        console.print(f"{out / 'epsilon.json'}")
+        _epsilon(loaded, task, config, report, out)
     else:
-        with progress_bar(config.episodes, "episode") as bar:
-            report |= measure(loaded.policy, task, config.episodes, config.seed, distance, bar.update)
-        save_json(out / "metrics.json", report)
-        show(f"{task.name}, {config.episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
-        for group, metrics in report["groups"].items():
-            show(group, metrics, console)
-        ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
-        console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
-        console.print(f"{out / 'metrics.json'}")
+        _metrics(loaded, task, config, report, out)
+
+
+def _metrics(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path) -> None:
+    episodes = config.episodes or EPISODES
+    with progress_bar(episodes, "episode") as bar:
+        report |= measure(loaded.policy, task, episodes, config.seed, _distance(config), bar.update)
+    _save(report, out / "metrics.json")
+    console = cli.console()
+    show(f"{task.name}, {episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
+    for group, metrics in report["groups"].items():
+        show(group, metrics, console)
+    ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
+    console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
+    console.print(f"{out / 'metrics.json'}")
+
+
+def _grid(
+    grid: Grid, loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path
+) -> None:
+    episodes = config.episodes or CELL_EPISODES
+    with progress_bar(len(grid.cells) * episodes, "episode") as bar:
+        metrics = [
+            evaluate_cell(loaded.policy, task, grid.mode, cell, episodes, config.seed, bar.update)
+            for cell in grid.cells
+        ]
+    report["grid"] = grid.as_data(metrics)
+    _save(report, out / "grid.json")
+    plot_grids([report["grid"]], "return", out / "grid.png")
+    cli.console().print(f"{out / 'grid.png'}, {out / 'grid.json'}")
+
+
+def _robustness(
+    found: list[Disturbance],
+    loaded: LoadedPolicy,
+    task: TaskConfig,
+    config: EvalConfig,
+    report: dict[str, Any],
+    out: Path,
+) -> None:
+    episodes = config.episodes or EPISODES
+    with progress_bar(episodes * episode_sets(found), "episode") as bar:
+        report["robustness"] = play_disturbed(
+            found, loaded.policy, task, episodes, config.seed, _distance(config), bar.update
+        )
+    _save(report, out / "robustness.json")
+    write_csv(out / "robustness.csv", as_rows(report["robustness"]))
+    plot_robustness(report["robustness"], out / "robustness.png")
+    cli.console().print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
+
+
+def _epsilon(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path) -> None:
+    episodes = config.episodes or EPISODES
+    with progress_bar(episodes, "episode") as bar:
+        found = estimate_epsilon(loaded.policy, task, episodes, config.seed, bar.update)
+    trained = {"oracle": loaded.task.oracle, "rho": loaded.task.rho}
+    report["epsilon"] = {"what": ESTIMATE, "trained_with": trained, **found}
+    _save(report, out / "epsilon.json")
+    _show_epsilon(report["epsilon"], cli.console())
+    cli.console().print(f"{out / 'epsilon.json'}")
+
+
+def _distance(config: EvalConfig) -> float | None:
+    return config.max_distance if config.protocol == "endless" else None
+
+
+def _save(report: dict[str, Any], file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    save_json(file, report)
 
 
 def _show_epsilon(found: dict[str, Any], console: Console) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import shutil
+import tempfile
 import time
 from dataclasses import dataclass
 from importlib import metadata
@@ -21,7 +21,7 @@ from ogmp_sb3.latent import reference_features, task_encoder
 from ogmp_sb3.observations import CLIP, Part
 from ogmp_sb3.policy import Normaliser
 from ogmp_sb3.recipe import versions
-from ogmp_sb3.storage import checksum
+from ogmp_sb3.storage import checksum, save_json
 
 if TYPE_CHECKING:
     from ogmp_sb3.controller import Controller
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PROGRAM = "ogmp-export"
 FORMAT = 1
 FEATURE_NAMES = ("x - x0", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz")
-ACTOR, ENCODER, INFO = "policy.onnx", "encoder.onnx", "policy.json"
+ACTOR, ENCODER, INFO = "policy.onnx", "encoder.onnx", "controller.json"
 PARITY_STEPS = 1000
 PARITY_REFERENCES = 50  # of each mode
 TOLERANCE = 1e-5  # greatest difference from PyTorch
@@ -72,7 +72,7 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
 
 
 def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
-    """The content of ``policy.json``, but for the checksums of the files beside it."""
+    """The content of ``controller.json``, but for the checksums of the files beside it."""
     task, sim, lstm = loaded.task, env.sim, loaded.policy.lstm_actor
     limited = sim.model.actuator_forcelimited[sim.actuators]
     limits = sim.model.actuator_forcerange[sim.actuators, 1]
@@ -123,11 +123,9 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
     encoder = task_encoder(loaded.task)
     if encoder is not None:
         models[ENCODER] = encoder_model(encoder)
-    (out / ENCODER).unlink(missing_ok=True)  # of another policy
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
-    info = {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}}
-    (out / INFO).write_text(json.dumps(info, indent=1), encoding="utf-8")
+    save_json(out / INFO, {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}})
     shutil.copy(PACKAGE / "controller.py", out / "controller.py")
 
 
@@ -169,9 +167,11 @@ def encoder_parity(loaded: LoadedPolicy, file: Path) -> float:
     return float(np.abs(found - expected).max())
 
 
-def _check(what: str, difference: float, out: Path) -> None:
+def _check(what: str, difference: float) -> None:
     if not difference < TOLERANCE:
-        raise ValueError(f"{out}: the {what} strays from PyTorch by {difference:.1e}, over {TOLERANCE:g}: not usable.")
+        raise ValueError(
+            f"the {what} strays from PyTorch by {difference:.1e}, over {TOLERANCE:g}: nothing is exported."
+        )
 
 
 def _run(arguments: list[str]) -> None:
@@ -179,26 +179,28 @@ def _run(arguments: list[str]) -> None:
     cli.require("export", "onnx", "onnxruntime")
     from ogmp_sb3.controller import Controller
 
-    out = Path(config.out)
-    if (out / "policy.safetensors").exists():
-        raise ValueError(f"{out} holds a policy of its own, whose policy.json would be lost: name another 'out'.")
-    loaded = load_policy(config.run, config.trust, config.task)
+    loaded, out = load_policy(config.run, config.trust, config.task), Path(config.out)
     if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
         raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")
     env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)
-    export(loaded, env, out)
-
-    difference, seconds = parity(loaded, env, Controller(out))
-    _check("actor", difference, out)
-    console = cli.console()
-    console.print(f"{out}: {', '.join(sorted(file.name for file in out.iterdir()))}")
-    console.print(f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}.")
-    if loaded.task.uses_latent:
-        difference = encoder_parity(loaded, out / ENCODER)
-        _check("encoder", difference, out)
-        console.print(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
+    out.mkdir(parents=True, exist_ok=True)
+    # Out of sight until it is known to be right: what lies in 'out' may drive a robot.
+    with tempfile.TemporaryDirectory(dir=out, prefix=".") as folder:
+        export(loaded, env, Path(folder))
+        difference, seconds = parity(loaded, env, Controller(folder))
+        _check("actor", difference)
+        said = [f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}."]
+        if loaded.task.uses_latent:
+            difference = encoder_parity(loaded, Path(folder) / ENCODER)
+            _check("encoder", difference)
+            said.append(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
+        files = sorted(Path(folder).iterdir())
+        (out / ENCODER).unlink(missing_ok=True)  # of another policy
+        for file in files:
+            file.replace(out / file.name)
     median, slow = 1e3 * np.quantile(seconds, (0.5, 0.99))
-    console.print(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
+    said.append(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
+    cli.console().print("\n".join([f"{out}: {', '.join(file.name for file in files)}", *said]))
 
 
 def main() -> None:

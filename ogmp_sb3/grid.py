@@ -59,9 +59,13 @@ def read_grid(text: str, task: TaskConfig, trained: TaskConfig, cells: int = CEL
     :raises KeyError: for an unknown mode or parameter
     """
     axes = [_axis(part, task, cells) for part in text.split(",")]
-    if len(axes) != 2 or axes[0][0] != axes[1][0]:
+    if len({axis[:2] for axis in axes}) != 2 or len(axes) != 2 or axes[0][0] != axes[1][0]:
         raise ValueError(f"'grid' needs two parameters of one mode, e.g. jump.w,jump.h; found '{text}'.")
     (mode, first, first_edges), (_, second, second_edges) = axes
+    if not {first, second} <= set(free_parameters(task, mode)):
+        raise ValueError(
+            f"'grid': where '{mode}' comes, if at all, the sequence of modes says what its parameters are."
+        )
     ranges = trained.mode_ranges.get(mode, {})
     known = {first, second} <= ranges.keys()
     spans = limits({key: ranges[key] for key in (first, second)}) if known else {}
@@ -92,6 +96,14 @@ def _axis(text: str, task: TaskConfig, cells: int) -> tuple[str, str, np.ndarray
     return mode, parameter, np.round(np.linspace(low, high, cells + 1), 6)
 
 
+def free_parameters(task: TaskConfig, mode: str) -> list[str]:
+    """The parameters of a mode that its ranges decide on: none if it never comes, and none that a sequence gives."""
+    entries = [entry for entry in task.sampling.sequence if entry.mode == mode]
+    if task.sampling.order == "sequence" and not entries:
+        return []
+    return [key for key in task.mode_ranges[mode] if not any(key in entry.ranges for entry in entries)]
+
+
 def default_grids(task: TaskConfig, trained: TaskConfig, cells: int = CELLS) -> list[Grid]:
     """A grid for every mode with two ranges: over the first two.
 
@@ -99,7 +111,7 @@ def default_grids(task: TaskConfig, trained: TaskConfig, cells: int = CELLS) -> 
     """
     grids = []
     for mode, ranges in task.mode_ranges.items():
-        varied = [key for key, range_ in ranges.items() if range_.high > range_.low]
+        varied = [key for key in free_parameters(task, mode) if ranges[key].high > ranges[key].low]
         if len(varied) >= 2:
             grids.append(read_grid(f"{mode}.{varied[0]},{mode}.{varied[1]}", task, trained, cells))
     return grids

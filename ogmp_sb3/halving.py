@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,75 +18,59 @@ from rich.table import Table
 
 from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import load_policy
-from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.evaluate import measure
 from ogmp_sb3.recipe import DEFAULTS
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.results import Results
-from ogmp_sb3.runs import Run, read_run, read_sweep
+from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep
 from ogmp_sb3.schema import Where, read, read_value, read_yaml
 from ogmp_sb3.training import RESUMABLE
 
-SEARCHES = PACKAGE / "conf" / "search"
+ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
+EPISODES = 32  # of the test protocol, to compare jobs by
+VALUES = {"rho": "0.05,0.1,0.2,0.3,0.4,0.5,0.6,0.8"}  # of keys that a command line need not give values
 SCORES = "halving.jsonl"  # in the directory of the search
+OWN = ("total_timesteps", "hydra.sweep.dir")  # keys that the search sets for every round
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchConfig:
-    """A file of ``conf/search``."""
-
-    key: str
-    """what varies"""
-    values: tuple[str, ...]
-    """its values, as on a command line; ``key=a,b,c`` there replaces them"""
-    rounds: int
-    """how often jobs train and are compared; the last trains ``total_timesteps``, each before it half of the next"""
-    episodes: int
-    """of the test protocol, to compare jobs by"""
-
-    def __post_init__(self) -> None:
-        for name in ("rounds", "episodes"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
-
-
-def search(name: str, arguments: list[str], multirun: Callable[[list[str]], object]) -> None:
+def search(key: str, arguments: list[str], multirun: Callable[[list[str]], object]) -> None:
     """Run a search; one that was killed goes on with the same command.
 
-    :param name: of a file of ``conf/search``
+    :param key: what varies, e.g. ``rho``; a key of the task without ``task.``
     :param arguments: the command line without the search
     :param multirun: runs ``ogmp-train`` with a command line
-    :raises KeyError: if there is no such search
+    :raises ValueError: if there are no values to compare
     """
-    file = SEARCHES / f"{name}.yaml"
-    if not file.is_file():
-        raise KeyError(f"unknown search '{name}'{did_you_mean(name, (p.stem for p in SEARCHES.glob('*.yaml')))}")
-    config = read(SearchConfig, read_yaml(file), Where(str(file)))
-    given = {key: value for key, sign, value in (argument.partition("=") for argument in arguments) if sign}
-    values = [_plain_value(config.key, v) for v in given.get(config.key, ",".join(config.values)).split(",")]
-    default = str(read_yaml(DEFAULTS)["total_timesteps"])
-    samples = _value("total_timesteps", given.get("total_timesteps", default))
+    own: dict[str, str] = {}
+    rest = []
+    for argument in arguments:
+        name, sign, value = argument.partition("=")
+        if not sign or plain_key(name) not in (key, *OWN):
+            rest.append(argument)
+        elif plain_key(name) in own:
+            raise ValueError(f"'{plain_key(name)}' is given twice.")
+        else:
+            own[plain_key(name)] = value
+    if key not in {**VALUES, **own}:
+        raise ValueError(f"'+search={key}' needs the values that it compares: {key}=<value>,<value>,...")
+    values = [_plain_value(key, value) for value in {**VALUES, **own}[key].split(",")]
+    samples = _value("total_timesteps", own.get("total_timesteps", str(read_yaml(DEFAULTS)["total_timesteps"])))
     total = read(int, samples, Where("ogmp-train", "total_timesteps"))
-    folder = Path(given.get("hydra.sweep.dir", f"runs/search/{name}"))
-    mine = (config.key, "total_timesteps", "hydra.sweep.dir")
-    rest = [argument for argument in arguments if argument.partition("=")[0] not in mine]
+    folder = Path(own.get("hydra.sweep.dir", f"runs/search/{key}"))
     first: list[Run] = []
-    for left in reversed(range(config.rounds)):
+    for left in reversed(range(ROUNDS)):
         budget = total // 2**left
-        varied = f"{config.key}={','.join(values)}"
+        varied = f"{key}={','.join(values)}"
         multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
         jobs = read_sweep(folder, asked=True)
         first = first or jobs
-        ranked = _ranked(folder, config, values, jobs, budget)
+        ranked = _ranked(folder, key, values, jobs, budget)
         values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
-        _show(ranked, len(values), f"after {budget:,} samples, {config.episodes} test episodes each")
+        _show(ranked, len(values), f"after {budget:,} samples, {EPISODES} test episodes each")
     spent = sum(read_run(job.path).samples for job in first)
-    print(f"Best: {config.key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
+    print(f"Best: {key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
 
 
-def _ranked(
-    folder: Path, config: SearchConfig, values: list[str], jobs: list[Run], samples: int
-) -> list[tuple[list[float], str]]:
+def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples: int) -> list[tuple[list[float], str]]:
     """Scores and values, the best first; a score that is known already is not computed again.
 
     The score of a value is the mean of its jobs, which differ in the seed or another key of the command line.
@@ -96,15 +80,17 @@ def _ranked(
     for value in values:
         scores = []
         for job in jobs:
-            if _word(job.setting(config.key)) == value:
+            if _word(job.setting(key)) == value:
                 name = job.path.relative_to(folder).as_posix()
-                settings = {"job": name, "run": _identity(job), "samples": samples, "episodes": config.episodes}
+                settings = {"job": name, "run": _identity(job), "samples": samples, "episodes": EPISODES}
                 if settings not in known and _is_beyond(job, samples):
                     raise ValueError(
                         f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
                         f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
                     )
-                scores.append(known.remember(settings, lambda job=job: _score(job, config.episodes)))  # type: ignore[misc]
+                scores.append(known.remember(settings, lambda job=job: _score(job, EPISODES)))  # type: ignore[misc]
+        if not scores:
+            raise ValueError(f"{folder}: holds no job with {key}={value}.")
         ranked.append((np.mean(scores, axis=0).tolist(), value))
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
 

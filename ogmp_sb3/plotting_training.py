@@ -124,7 +124,7 @@ def plot_objectives(
             x = [places[row["value"]] for row in mine]
             mean = np.array([row["mean"] for row in mine])
             low, high = (np.array([row[end] for row in mine], dtype=float) for end in ("low", "high"))  # None: nan
-            spread = [mean - low, high - mean]
+            spread = np.maximum([mean - low, high - mean], 0.0)  # not below 0, by rounding, where all seeds are equal
             axes.errorbar(x, mean, spread, fmt="o-", color=colours[line], capsize=3, markersize=4, label=line or None)
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")

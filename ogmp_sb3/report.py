@@ -9,11 +9,10 @@ from typing import Literal
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.evaluate import default_out, owner
-from ogmp_sb3.grid import CELLS
+from ogmp_sb3.grid import CELLS, MAX_CELLS
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.runs import MULTIRUN, read_run, read_sweep
+from ogmp_sb3.runs import MULTIRUN, default_out, owner, read_run, read_sweep
 from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown, sort_out
@@ -22,6 +21,7 @@ PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20
 PAGE = "report.html"
 RUN_ONLY = ("grids", "grid_cells", "cell_episodes", "traces", "trust", "task")
+SWEEP_ONLY = ("policy",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class ReportConfig:
     run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
     sweep: str | None = cli.option("directory of a multirun (ogmp-train -m); either this or 'run'", None)
     out: str | None = cli.option("directory for the page; null: <run or sweep>/report", None)
-    policy: Literal["latest", "best"] = cli.option("which of a run's policies: latest or best", "latest")
+    policy: Literal["latest", "best"] = cli.option("sweep: which policy of each job: latest or best", "latest")
     episodes: int | None = cli.option(
         f"episodes of an evaluation; null: {RUN_EPISODES}, and {JOB_EPISODES} for each job of a sweep", None
     )
@@ -53,11 +53,17 @@ class ReportConfig:
         for field in fields(self):
             if self.sweep is not None and field.name in RUN_ONLY and getattr(self, field.name) != field.default:
                 raise ValueError(f"'{field.name}' is of a run: a report on a sweep does not use it.")
+            if self.run is not None and field.name in SWEEP_ONLY and getattr(self, field.name) != field.default:
+                raise ValueError(
+                    f"'{field.name}' is of a sweep; of a run, give the policy itself: run={self.run}/best."
+                )
         least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1}
         for name, low in least.items():
             value = getattr(self, name)
             if value is not None and value < low:
                 raise ValueError(f"'{name}' must be at least {low}, found {value}.")
+        if self.grid_cells > MAX_CELLS:
+            raise ValueError(f"'grid_cells' must be at most {MAX_CELLS}, found {self.grid_cells}.")
 
 
 HELP = cli.usage(
@@ -66,7 +72,7 @@ HELP = cli.usage(
     [
         "ogmp-report run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-report run=parkour out=report grids=false",
-        "ogmp-report run=runs/dive/2026-01-31_12-00-00 policy=best variants=oracle traces=4",
+        "ogmp-report run=runs/dive/2026-01-31_12-00-00/best variants=oracle traces=4",
         "ogmp-report sweep=runs/sweeps/2026-01-31_14-00-00 episodes=100",
     ],
     ReportConfig,
@@ -89,12 +95,10 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     folder = Path(name)
     if (folder / MULTIRUN).is_file():
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
-    run = read_run(folder) if (folder / CONFIG).is_file() else None
-    if run is None and config.policy == "best":
-        raise ValueError(f"'policy' chooses among those of a run directory, and '{name}' is none.")
-    loaded = load_policy(folder / "best" if run and config.policy == "best" else name, config.trust, config.task)
+    loaded, home = load_policy(name, config.trust, config.task), owner(name)
+    run = read_run(home) if home and (home / CONFIG).is_file() else None
     out = Path(config.out) if config.out else default_out(name, loaded, "report")
-    subject = Subject(loaded, overrides, owner(name) or out)
+    subject = Subject(loaded, overrides, home or out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [
         report_run.overview(subject, run),
@@ -105,10 +109,10 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         if config.grids
         else None,
         report_run.latents(subject, config.seed, out),
-        report_run.videos(folder) if run else None,
+        report_run.videos(run.path) if run else None,
     ]
     subtitle = f"{loaded.task.name}, {loaded.task.oracle} oracle, rho {shown(loaded.task.rho)}"
-    return _write(out, folder.resolve().name, subtitle, sections)
+    return _write(out, run.path.name if run else loaded.name, subtitle, sections)
 
 
 def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], variants: list[str]) -> Path:

@@ -119,10 +119,10 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     track = "" if test.track_length is None else f" on a track of {test.track_length:g} m, flat ground behind it"
     ends = ", ".join(name for name, given in test.terminations.items() if given is not None)
     return (
-        f"{episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at most "
-        f"{test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode ends "
-        f"earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 %: Student's, Wilson's for yes or no. "
-        f"Physics step {task.physics_dt:g} s, on which accelerations depend."
+        f"{task.name}: {episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at "
+        f"most {test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode "
+        f"ends earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 %: Student's, Wilson's for yes "
+        f"or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
     )
 
 
@@ -133,7 +133,7 @@ def metrics_table(task: TaskConfig, metrics: dict[str, Any]) -> Table:
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
         mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
         between = as_text(summary["ci95"], 3, f"{THIN}…{THIN}")
-        rows.append([name, mean, between, std, str(summary["n"]), _first_sentence(kinds.get(key))])
+        rows.append([name, mean, between, std, str(summary["n"]), _first_paragraph(kinds.get(key))])
     return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
 
 
@@ -154,7 +154,7 @@ def interval(summary: dict[str, Any]) -> str:
     return f"{summary['mean']:.2f} [{as_text(summary['ci95'], 2, f',{THIN}')}]"
 
 
-def _first_sentence(function: Any) -> str:
+def _first_paragraph(function: Any) -> str:
     text = (function.__doc__ or "").strip().split("\n\n")[0]
     return re.sub(r":\w+:|`+", "", " ".join(text.split()))
 

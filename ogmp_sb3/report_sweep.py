@@ -211,7 +211,7 @@ def evaluation(
         [{"job": job, "cause": cause, "episodes": n} for job, counts in causes for cause, n in counts.items()],
         lambda path: plot_terminations(causes, path),
     )  # fmt: skip
-    text = protocol(next(iter(subjects.values())).task, episodes, seed)
+    text = " ".join(dict.fromkeys(protocol(subject.task, episodes, seed) for subject in subjects.values()))
     return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"]), picture])
 
 

@@ -30,8 +30,8 @@ DEFAULT = RandomisationConfig(
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """One disturbance over its sizes."""
+class Disturbance:
+    """One disturbance and its sizes."""
 
     name: str
     """key of the task file"""
@@ -63,14 +63,14 @@ class Sweep:
         return replace(RandomisationConfig(), **{self.name: fixed})
 
 
-def disturbance_sweeps(task: TaskConfig) -> list[Sweep]:
-    """A sweep of every disturbance.
+def disturbances(task: TaskConfig) -> list[Disturbance]:
+    """Every disturbance; noise only where there is an observation that has it.
 
     :param task: as in training
     """
     declared = task.randomisation or RandomisationConfig()
     every = (declared.push or DEFAULT.push).every  # type: ignore[union-attr]
-    sweeps = []
+    found = []
     for name, label, none in (
         ("mass", "factor on mass", 1.0),
         ("friction", "friction coefficient", _friction(task)),
@@ -79,11 +79,13 @@ def disturbance_sweeps(task: TaskConfig) -> list[Sweep]:
         ("sensor_noise", "sensor noise (scales)", 0.0),
         ("push", f"push (m/s, every {every:g} s)", 0.0),
     ):
+        if name == "sensor_noise" and task.observations.get("proprioception") is None:
+            continue
         own = getattr(declared, name)
-        found = own or getattr(DEFAULT, name)
-        range_ = found.speed if isinstance(found, PushConfig) else found
-        sweeps.append(Sweep(name, label, none, range_, own is not None, every))
-    return sweeps
+        values = own or getattr(DEFAULT, name)
+        range_ = values.speed if isinstance(values, PushConfig) else values
+        found.append(Disturbance(name, label, none, range_, own is not None, every))
+    return found
 
 
 def _friction(task: TaskConfig) -> float:
@@ -93,13 +95,13 @@ def _friction(task: TaskConfig) -> float:
     return float(model.geom_friction[colliding, 0].max())
 
 
-def episode_sets(sweeps: list[Sweep]) -> int:
-    """How many sets of episodes the sweeps take; that without a disturbance is played once."""
-    return 1 + sum(len(sweep.values) - 1 for sweep in sweeps)
+def episode_sets(found: list[Disturbance]) -> int:
+    """How many sets of episodes disturbances take; that without one is played once."""
+    return 1 + sum(len(disturbance.values) - 1 for disturbance in found)
 
 
-def play_sweeps(
-    sweeps: list[Sweep],
+def play_disturbed(
+    found: list[Disturbance],
     policy: LstmPolicy,
     task: TaskConfig,
     episodes: int,
@@ -109,6 +111,7 @@ def play_sweeps(
 ) -> list[dict[str, Any]]:
     """The fraction of episodes without a fall under each disturbance alone, at each of its sizes.
 
+    :param found: of :func:`disturbances`
     :param task: under the protocol wanted
     :param episodes: at each size, on the same tracks; the rest as for :func:`~ogmp_sb3.episodes.play_episodes`
     """
@@ -120,20 +123,20 @@ def play_sweeps(
 
     undisturbed = no_fall(None)
     results = []
-    for sweep in sweeps:
+    for each in found:
         points = [
-            {"value": value, "no_fall_fraction": undisturbed if value == sweep.none else no_fall(sweep.alone(value))}
-            for value in sweep.values.tolist()
+            {"value": value, "no_fall_fraction": undisturbed if value == each.none else no_fall(each.alone(value))}
+            for value in each.values.tolist()
         ]
-        declared = [sweep.range.low, sweep.range.high] if sweep.declared else None
-        results.append({"disturbance": sweep.name, "label": sweep.label, "declared": declared, "points": points})
+        declared = [each.range.low, each.range.high] if each.declared else None
+        results.append({"disturbance": each.name, "label": each.label, "declared": declared, "points": points})
     return results
 
 
 def as_rows(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row for each disturbance and size.
 
-    :param results: of :func:`play_sweeps`
+    :param results: of :func:`play_disturbed`
     """
     rows = []
     for result in results:

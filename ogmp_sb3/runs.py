@@ -13,7 +13,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.checkpoints import LoadedPolicy, checkpoint_dirs
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.files import occupied
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
@@ -63,7 +63,7 @@ class Run:
 
     def setting(self, key: str) -> Any:
         """The value of a key of the command line; one that was not given is looked up in ``config.yaml``."""
-        given = [override for override in self.overrides if _plain(override.partition("=")[0]) == key]
+        given = [override for override in self.overrides if plain_key(override.partition("=")[0]) == key]
         if given:
             short = [override for override in given if "task." not in override.partition("=")[0]]  # it is the one used
             return OverridesParser.create().parse_override((short or given)[-1]).value()
@@ -74,6 +74,23 @@ class Run:
             if node is not None:
                 return node
         return None
+
+
+def owner(run: str) -> Path | None:
+    """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
+    folder = Path(run).resolve()
+    if not folder.is_dir():
+        return None
+    return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
+
+
+def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
+    """Where results go that no directory is named for: not beside a policy that is replaced in time.
+
+    :param kind: of results: ``evaluation`` or ``report``
+    """
+    folder = owner(run)
+    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).resolve().relative_to(folder)
 
 
 def read_run(path: Path) -> Run:
@@ -136,12 +153,12 @@ def _job_folders(path: Path) -> Iterator[Path]:
 
 def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
     """What tells a job from the others: its command line without what may change when it goes on."""
-    return frozenset(override for override in overrides if _plain(override.partition("=")[0]) not in RESUMABLE)
+    return frozenset(override for override in overrides if plain_key(override.partition("=")[0]) not in RESUMABLE)
 
 
 def swept_keys(jobs: list[Run]) -> list[str]:
     """The keys of the command line in which jobs differ, but for what may change when they go on."""
-    names = dict.fromkeys(_plain(override.partition("=")[0]) for job in jobs for override in job.overrides)
+    names = dict.fromkeys(plain_key(override.partition("=")[0]) for job in jobs for override in job.overrides)
     return [key for key in names if key not in RESUMABLE and len({str(job.setting(key)) for job in jobs}) > 1]
 
 
@@ -195,6 +212,6 @@ def _wanted(path: Path) -> list[tuple[str, ...]]:
     return [tuple(job) for job in jobs]
 
 
-def _plain(key: str) -> str:
-    """``task.rho``, ``+rho`` and ``rho`` are the same setting."""
+def plain_key(key: str) -> str:
+    """The name of a setting, which ``task.rho``, ``+rho`` and ``rho`` all mean."""
     return key.lstrip("+~").removeprefix("task.")

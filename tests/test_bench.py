@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import program
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -52,9 +55,22 @@ def test_sb3_s_own_vectorisation_steps_the_same_task() -> None:
         assert [batch.task for batch in env.get_attr("batch")] == [task, task]
 
 
-def test_a_policy_is_for_the_physics_alone() -> None:
+def test_what_a_benchmark_does_not_use_is_refused() -> None:
     with pytest.raises(ValueError, match="'run' is for 'physics' alone, not for 'train'"):
         bench.BenchConfig(what="train", run="parkour")
+    with pytest.raises(ValueError, match="'steps' is for 'sim' and 'train', not for 'learner'"):
+        bench.BenchConfig(what="learner", steps=10)
+
+
+def test_numbers_are_kept_with_what_they_are_of(tmp_path: Path) -> None:
+    arguments = ["steps=10", "repeats=1", "num_envs=4", "modes.jump=null", "json=out/sim.json"]
+    done = program("bench", "sim", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out" / "sim.json").read_text())
+    assert report["overrides"] == ["modes.jump=null"] and report["config"]["steps"] == 10
+    assert 0 < report["numbers"]["sim_over_bare_physics"] < 1.5
+    assert (tmp_path / "out" / "sim.png").is_file()
+    assert "sim_over_bare_physics" in done.stdout
 
 
 def test_a_replay_at_the_task_s_own_step_ends_where_the_run_did() -> None:

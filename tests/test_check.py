@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+from pathlib import Path
 
-from ogmp_sb3.check import standing_still
+import numpy as np
+import pytest
+from programs import program
+
+from ogmp_sb3.check import reference_panels, standing_still
 from ogmp_sb3.config import load_task
 
 
@@ -21,6 +25,25 @@ from ogmp_sb3.config import load_task
 def test_standing_still_is_judged_by_the_slowest_and_the_fastest_mode(rho: float | None, verdict: str) -> None:
     sentence = standing_still(load_task("parkour", {"rho": rho}))
     assert sentence == f"v * horizon * control_dt = 0.54 to 1.62 m, {verdict}"
+
+
+def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:
+    task = load_task("parkour", {"modes.pace.v": 0.0})
+    panels = {title.partition(" ")[0]: panel for title, *panel in reference_panels(task)}
+    assert set(panels) == {"pace", "jump", "leap"}
+    for stance, points, heights in panels.values():
+        assert set(heights) == {"linear", "lqr", "preview"}
+        assert all(len(height) == len(points) == len(stance) + 1 < 500 for height in heights.values())
+    assert np.ptp(panels["jump"][1]) > 0.2  # the block of 0.275 m
+
+
+def test_several_tasks_are_all_checked(tmp_path: Path) -> None:
+    (tmp_path / "wrong.yaml").write_text("rho: 0.5")
+    done = program("check", "dive", "stairs", "wrong.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout.count("is right.") == 2 and "wrong.yaml" in done.stderr
+    done = program("check", "dive", "stairs", "out=x", cwd=tmp_path)
+    assert "'out' takes the picture of one task" in done.stderr
 
 
 def test_standing_still_is_not_judged_where_x_is_free() -> None:

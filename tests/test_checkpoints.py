@@ -6,6 +6,7 @@ import json
 import pickle
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from ogmp_sb3.checkpoints import (
     save_checkpoint,
     try_checkpoint,
 )
+from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.storage import MANIFEST, verify, write_manifest
 
 
@@ -248,11 +250,49 @@ def test_only_directories_with_a_number_are_checkpoints(saved: Path, tmp_path: P
     assert latest_checkpoint(tmp_path).name == "000000000016"
 
 
-@pytest.mark.parametrize("name", ["nowhere", "../policies/parkour", "", "."])
-def test_a_name_that_is_no_policy_is_a_sentence(name: str, tmp_path: Path, monkeypatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("nowhere", "'nowhere' is neither a run directory nor a shipped policy"),
+        ("../policies/parkour", "is neither a run directory nor a shipped policy"),
+        ("", "'' is a directory here, but neither a run nor a policy"),
+        ("parkour", "'parkour' is a directory here, but neither a run nor a policy"),  # not the shipped one
+    ],
+)
+def test_a_name_that_is_no_policy_is_a_sentence(name: str, sentence: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(KeyError, match="is neither a run directory nor a shipped policy"):
+    (tmp_path / "parkour" / "2026-01-31_12-00-00").mkdir(parents=True)
+    with pytest.raises(KeyError, match=sentence):
         policy_dir(name)
+
+
+def test_a_policy_outlives_the_checkpoint_it_was_loaded_from(run: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    loaded = load_policy(copy)
+    assert loaded.path.parent == copy / "checkpoints"
+    shutil.rmtree(loaded.path)  # as a training does that goes on
+    BatchEnv(loaded.task, 1)
+
+
+def test_an_encoder_that_is_not_the_runs_is_the_policys_own(run: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    (copy / "encoder" / "encoder.json").write_text("{}")
+    assert load_policy(copy).task.encoder == str(checkpoint_dirs(copy)[-1] / "encoder")
+
+
+def test_the_digest_is_of_what_counts_and_not_of_paths(run: Path, tmp_path: Path, monkeypatch) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    digest = load_policy("run").digest
+    assert load_policy(copy).digest == load_policy(f"../{tmp_path.name}/run").digest == digest
+    robot = load_policy(copy).task.robot_config
+    heavier = tmp_path / "heavier.xml"
+    heavier.write_text(robot.mjcf_path.read_text(encoding="utf-8") + "<!-- -->", encoding="utf-8")
+    loaded = load_policy(copy)
+    task = replace(loaded.task, robot_config=replace(robot, mjcf=str(heavier)))
+    assert replace(loaded, task=task).digest != digest
+    other = replace(loaded.task, encoder="dive")
+    assert replace(loaded, task=other).digest != digest
 
 
 def test_no_file_that_ships_is_a_pickle() -> None:

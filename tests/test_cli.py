@@ -46,11 +46,17 @@ def test_keys_of_the_task_are_handed_on_with_or_without_their_prefix() -> None:
         (["episodes=3"], KeyError, "prog: 'run' is missing"),
         (["run=a", "episodes=many"], TypeError, "prog: 'episodes' must be a whole number, found the text 'many'"),
         (["a"], ValueError, "'a' must have the form key=value"),
+        (["run=a", "episodes=5", "episodes=500"], ValueError, "'episodes' is given twice"),
     ],
 )
 def test_mistakes_are_one_sentence(arguments: list[str], error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         cli.parse(Options, arguments, "prog")
+
+
+def test_a_key_of_the_task_given_twice_is_refused_however_it_is_written() -> None:
+    with pytest.raises(ValueError, match=r"'rho' is given twice"):
+        cli.parse(Options, ["run=a", "rho=0.3", "task.rho=0.5"], "prog", ("rho",))
 
 
 def test_help_shows_examples_and_every_key_with_its_default() -> None:

@@ -133,13 +133,13 @@ def test_latents_are_those_of_the_environment(name: str, exported) -> None:
 
 def test_a_policy_without_latent_needs_no_encoder(exported) -> None:
     _, _, out = exported("blind")
-    assert sorted(file.name for file in out.iterdir()) == ["controller.py", "policy.json", "policy.onnx"]
+    assert sorted(file.name for file in out.iterdir()) == ["controller.json", "controller.py", "policy.onnx"]
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive", "blind"])
 def test_components_cover_the_observation_without_gap_and_with_its_scales(name: str, exported) -> None:
     _, env, out = exported(name)
-    components = json.loads((out / "policy.json").read_text())["observation"]["components"]
+    components = json.loads((out / "controller.json").read_text())["observation"]["components"]
     ends = [0, *(c["slice"][1] for c in components)]
     assert [c["slice"][0] for c in components] == ends[:-1]
     assert ends[-1] == env.observation_size
@@ -149,7 +149,7 @@ def test_components_cover_the_observation_without_gap_and_with_its_scales(name: 
 
 def test_components_name_what_the_simulation_holds_there(exported) -> None:
     _, env, out = exported("parkour")
-    components = json.loads((out / "policy.json").read_text())["observation"]["components"]
+    components = json.loads((out / "controller.json").read_text())["observation"]["components"]
     places = {c["name"]: slice(*c["slice"]) for c in components}
     env.reset()
     rng = np.random.default_rng(3)
@@ -171,7 +171,7 @@ def test_components_name_what_the_simulation_holds_there(exported) -> None:
 
 def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
     _, env, out = exported("blind")
-    info = json.loads((out / "policy.json").read_text())
+    info = json.loads((out / "controller.json").read_text())
     for joint, kp, kd, limit in zip(info["action"]["joints"], *info["gains"].values(), strict=True):
         servo = env.sim.model.actuator(joint)
         assert (servo.gainprm[0], servo.biasprm[1], servo.biasprm[2]) == (kp, -kp, -kd)
@@ -250,7 +250,7 @@ def test_the_program_exports_checks_and_times(policies, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "Actions over 1000 steps differ from PyTorch's by at most" in done.stdout
     assert "99th percentile" in done.stdout
-    names = ["controller.py", "encoder.onnx", "policy.json", "policy.onnx"]
+    names = ["controller.json", "controller.py", "encoder.onnx", "policy.onnx"]
     assert sorted(file.name for file in (tmp_path / "there").iterdir()) == names
 
 
@@ -260,17 +260,22 @@ def test_a_model_of_another_policy_does_not_stay(policies, tmp_path: Path) -> No
     done = program("export", f"run={policies['blind']}", "out=there", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert sorted(file.name for file in (tmp_path / "there").iterdir()) == [
+        "controller.json",
         "controller.py",
-        "policy.json",
         "policy.onnx",
     ]
 
 
 def test_a_model_that_strays_from_pytorch_is_reported(policies, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(export, "TOLERANCE", 1e-12)
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "policy.onnx").write_bytes(b"an earlier one")
     done = program("export", f"run={policies['blind']}", "out=there", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("ogmp-export: there: the actor strays from PyTorch by")
+    assert done.stderr.startswith("ogmp-export: the actor strays from PyTorch by")
+    assert [(file.name, file.read_bytes()) for file in (tmp_path / "there").iterdir()] == [
+        ("policy.onnx", b"an earlier one")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -278,7 +283,6 @@ def test_a_model_that_strays_from_pytorch_is_reported(policies, tmp_path: Path, 
     [
         (["run=nowhere", "out=x"], "'nowhere' is neither a run directory nor a shipped policy"),
         (["run={policy}"], "'out' is missing"),
-        (["run={policy}", "out={policy}"], "holds a policy of its own"),
         (["run={damaged}", "out=x"], "policy.safetensors: damaged or missing"),
     ],
 )
@@ -306,10 +310,10 @@ def test_without_what_it_needs_the_program_names_the_extra(package: str, policie
     [
         ("policy.onnx", lambda content: content[:-1] + b"x", "policy.onnx: not the file that was exported"),
         ("encoder.onnx", None, "encoder.onnx: not readable"),
-        ("policy.json", None, "policy.json: not readable"),
-        ("policy.json", lambda content: content[:-1], "policy.json: not what ogmp-export writes"),
-        ("policy.json", lambda content: b"[]", "policy.json: not what ogmp-export writes"),
-        ("policy.json", lambda content: b'{"sha256": {}}', "policy.json: not what ogmp-export writes"),
+        ("controller.json", None, "controller.json: not readable"),
+        ("controller.json", lambda content: content[:-1], "controller.json: not what ogmp-export writes"),
+        ("controller.json", lambda content: b"[]", "controller.json: not what ogmp-export writes"),
+        ("controller.json", lambda content: b'{"sha256": {}}', "controller.json: not what ogmp-export writes"),
     ],
 )
 def test_the_example_refuses_files_that_are_missing_or_changed(name, change, sentence, exported, tmp_path) -> None:

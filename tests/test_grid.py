@@ -79,6 +79,7 @@ def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> N
     ("text", "error", "sentence"),
     [
         ("jump.w", ValueError, "'grid' needs two parameters of one mode"),
+        ("jump.w,jump.w", ValueError, "'grid' needs two parameters of one mode"),
         ("jump.w,leap.w", ValueError, "'grid' needs two parameters of one mode"),
         ("jmp.w,jmp.h", KeyError, "unknown mode 'jmp'.*Did you mean 'jump'"),
         ("jump.q,jump.h", KeyError, "mode 'jump' has no number 'q'"),
@@ -89,6 +90,15 @@ def test_a_cell_holds_its_mode_alone_with_its_values_and_the_other_ranges() -> N
 def test_mistakes_are_one_sentence(text: str, error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         read_grid(text, PARKOUR, PARKOUR)
+
+
+def test_what_a_sequence_says_itself_is_not_varied() -> None:
+    sequence = {"order": "sequence", "sequence": ["pace", {"jump": {"h": 0.1}}]}
+    task = load_task("parkour", {"curriculum": None, "sampling": sequence})
+    for text in ("jump.w,jump.h", "leap.w,leap.d"):
+        with pytest.raises(ValueError, match="the sequence of modes says what its parameters are"):
+            read_grid(text, task, PARKOUR)
+    assert [grid.mode for grid in default_grids(task, PARKOUR)] == ["pace"]
 
 
 @pytest.mark.parametrize(("w", "run_up"), [(0.125, 0.15), (0.05, 0.05)])

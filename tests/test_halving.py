@@ -58,8 +58,7 @@ def test_the_seeds_of_a_value_count_together(tmp_path: Path, monkeypatch: pytest
     scores = {(0.1, 0): 1.0, (0.1, 1): 0.0, (0.3, 0): 0.7, (0.3, 1): 0.5}
     jobs = [Run(tmp_path / f"{rho}-{seed}", (f"rho={rho}", f"seed={seed}"), {}, {}, "finished") for rho, seed in scores]
     monkeypatch.setattr(halving, "_score", lambda job, episodes: [scores[job.setting("rho"), job.setting("seed")], 0.0])
-    config = halving.SearchConfig(key="rho", values=("0.1", "0.3"), rounds=1, episodes=2)
-    assert halving._ranked(tmp_path, config, ["0.1", "0.3"], jobs, 100) == [
+    assert halving._ranked(tmp_path, "rho", ["0.1", "0.3"], jobs, 100) == [
         ([pytest.approx(0.6), 0.0], "0.3"),
         ([0.5, 0.0], "0.1"),
     ]
@@ -78,10 +77,9 @@ def test_scores_are_not_those_of_another_training_in_the_same_directory(played, 
     for file in (tmp_path / "search").glob("rho=*/config.yaml"):
         write_yaml(file, {**read_yaml(file), "task": {"rho": 0.0}})
     (job,) = (job for job in read_sweep(tmp_path / "search") if job.path.name == "rho=0.3")
-    config = halving.SearchConfig(key="rho", values=("0.0",), rounds=1, episodes=32)
     with pytest.raises(ValueError, match=r"trained on \d+ samples already, where this search compares after 100"):
-        halving._ranked(tmp_path / "search", config, ["0.0"], [job], 100)
-    assert halving._ranked(tmp_path / "search", config, ["0.0"], [job], job.samples) == [([0.0, 0.0], "0.0")]
+        halving._ranked(tmp_path / "search", "rho", ["0.0"], [job], 100)
+    assert halving._ranked(tmp_path / "search", "rho", ["0.0"], [job], job.samples) == [([0.0, 0.0], "0.0")]
 
 
 @pytest.mark.parametrize("values", ["choice(0.1,0.3)", "range(1,3)"])
@@ -99,7 +97,20 @@ def test_a_real_search_trains_and_ranks(tmp_path: Path) -> None:
     assert done.stdout.count("kept") == 4 and done.stdout.count("dropped") == 1
 
 
-def test_an_unknown_search_is_a_sentence(tmp_path: Path) -> None:
+def test_a_search_over_anything_else_needs_its_values(played, tmp_path: Path) -> None:
     done = program("train", "-m", "+search=roh", "task=dive", cwd=tmp_path)
     assert done.returncode == 2
-    assert "unknown search 'roh' (allowed: rho). Did you mean 'rho'?" in done.stderr
+    assert done.stderr == "ogmp-train: '+search=roh' needs the values that it compares: roh=<value>,<value>,...\n"
+    with pytest.raises(ValueError, match="'rho' is given twice"):
+        run(tmp_path, "rho=0.1,0.2", "task.rho=0.3,0.4")
+    assert played == []
+
+
+def test_a_value_without_a_job_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"holds no job with rho=0.3"):
+        halving._ranked(tmp_path, "rho", ["0.3"], [], 100)
+
+
+def test_a_key_with_its_prefix_is_the_same_key(played, tmp_path: Path) -> None:
+    run(tmp_path, "task.rho=0.10,0.3")
+    assert played[:2] == [("0.1", 100), ("0.3", 100)]

@@ -43,7 +43,9 @@ def test_curves_are_drawn_of_the_jobs_that_have_begun(tmp_path: Path) -> None:
 
 
 def test_objectives_are_drawn_for_numbers_words_and_no_value(tmp_path: Path) -> None:
-    ends: list[dict[str, float | None]] = [{"low": 2.0, "high": 4.0}] * 2 + [{"low": None, "high": None}]
+    low = float(np.mean([0.05] * 3))  # a little more than 0.05
+    ends: list[dict[str, float | None]] = [{"low": 2.0, "high": 4.0}, {"low": low, "high": 0.05}]
+    ends.append({"low": None, "high": None})
     for i, values in enumerate((["0.3", "0.5", "null"], ["lqr", "linear"], ["null"])):
         rows = [{"objective": "return", "line": "", "value": v, "mean": 3.0, **ends[i]} for v in values]
         plot_objectives(rows, "rho", {"return": 10.0}, (0.5, 1.0) if i == 0 else None, tmp_path / f"picture{i}")

@@ -22,10 +22,10 @@ from test_train import SMALL, program
 from ogmp_sb3 import report_run
 from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
-from ogmp_sb3.evaluate import default_out, owner
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return, spread
+from ogmp_sb3.runs import default_out, owner
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.traces import Trace
 
@@ -200,6 +200,15 @@ def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: P
     assert default_out("parkour", shipped, "report") == Path("report/parkour")
 
 
+def test_the_best_policy_has_a_page_of_its_own_with_the_curves_of_its_run(sweep: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(sweep / "1", tmp_path / "mine", ignore=shutil.ignore_patterns("report"))
+    done = program("report", "run=mine/best", *QUICK, "grids=false", "variants=null", "traces=1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(copy / "report" / "best" / "report.html")]
+    html = (copy / "report" / "best" / "report.html").read_text()
+    assert "Training" in re.findall(r"<h2>(.*?)</h2>", html) and "<title>mine" in html
+
+
 def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
     shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
     quick = ["grids=false", "variants=null", "traces=1"]
@@ -294,6 +303,8 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
         (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
         (["sweep={sweep}", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
         (["run={sweep}/0", "policy=worst"], "Did you mean|allowed: best, latest"),
+        (["run={sweep}/0", "policy=best"], "'policy' is of a sweep; of a run, give the policy itself: run=.*/0/best"),
+        (["run={sweep}/0", "grid_cells=200"], "'grid_cells' must be at most 100, found 200"),
     ],
 )
 def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, sweep: Path, tmp_path: Path) -> None:

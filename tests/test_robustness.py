@@ -14,20 +14,34 @@ from test_train import program
 
 from ogmp_sb3 import robustness
 from ogmp_sb3.config import load_task
+from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.randomisation import PushConfig, RandomisationConfig
 from ogmp_sb3.ranges import Range
+
+
+class Standing:
+    """A policy that holds the nominal pose."""
+
+    def predict(self, observation: np.ndarray, *_: object, **__: object) -> tuple[np.ndarray, None]:
+        return np.zeros((len(observation), 10)), None
+
 
 NAMES = ["mass", "friction", "gains", "latency", "sensor_noise", "push"]
 
 
-def sweep(name: str, **declared: object) -> robustness.Sweep:
+def disturbance(name: str, **declared: object) -> robustness.Disturbance:
     task = load_task("parkour", {"randomisation": declared})
-    return next(found for found in robustness.disturbance_sweeps(task) if found.name == name)
+    return next(found for found in robustness.disturbances(task) if found.name == name)
 
 
-def test_every_disturbance_there_is_has_a_sweep() -> None:
-    sweeps = robustness.disturbance_sweeps(load_task("parkour"))
-    assert [found.name for found in sweeps] == list(vars(RandomisationConfig())) == NAMES
+def test_every_disturbance_there_is_is_played() -> None:
+    found = robustness.disturbances(load_task("parkour"))
+    assert [each.name for each in found] == list(vars(RandomisationConfig())) == NAMES
+
+
+def test_there_is_no_noise_where_nothing_has_it() -> None:
+    found = robustness.disturbances(load_task("parkour", {"observations.proprioception": None}))
+    assert [each.name for each in found] == [name for name in NAMES if name != "sensor_noise"]
 
 
 @pytest.mark.parametrize(
@@ -44,13 +58,13 @@ def test_every_disturbance_there_is_has_a_sweep() -> None:
     ],
 )
 def test_sizes_go_from_none_to_twice_the_range_of_the_task(name: str, declared: object, values: list[float]) -> None:
-    found = sweep(name, **{name: declared})
+    found = disturbance(name, **{name: declared})
     assert found.declared
     np.testing.assert_allclose(found.values, values)
 
 
 def test_what_the_task_leaves_out_gets_a_default_range() -> None:
-    found = sweep("gains", mass=1.2)
+    found = disturbance("gains", mass=1.2)
     assert not found.declared
     assert found.values[[0, -1]].tolist() == [0.8, 1.2]
 
@@ -60,14 +74,14 @@ def test_undisturbed_is_the_friction_of_the_robot_where_it_is_the_greater(tmp_pa
     mjcf = task.robot_config.mjcf_path.read_text(encoding="utf-8")
     (tmp_path / "grippy.xml").write_text(mjcf.replace('friction="1.0"', 'friction="1.3"'), encoding="utf-8")
     grippy = replace(task, robot_config=replace(task.robot_config, mjcf=str(tmp_path / "grippy.xml")))
-    none = {found.name: found.none for found in robustness.disturbance_sweeps(grippy)}
+    none = {found.name: found.none for found in robustness.disturbances(grippy)}
     assert none["friction"] == 1.3
 
 
 def test_a_disturbance_is_played_alone() -> None:
-    assert sweep("friction", mass=[0.5, 1.5]).alone(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
+    assert disturbance("friction", mass=[0.5, 1.5]).alone(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
     push = PushConfig(every=0.7, speed=Range(0.4, 0.4))
-    assert sweep("push", push={"every": 0.7, "speed": 0.2}).alone(0.4) == RandomisationConfig(push=push)
+    assert disturbance("push", push={"every": 0.7, "speed": 0.2}).alone(0.4) == RandomisationConfig(push=push)
 
 
 @pytest.fixture(scope="module")
@@ -96,16 +110,17 @@ def test_eval_writes_figure_table_and_report(evaluation: Path) -> None:
     assert (evaluation / "robustness.png").stat().st_size > 20_000
 
 
-def test_without_a_disturbance_every_sweep_says_the_same(evaluation: Path) -> None:
-    report = json.loads((evaluation / "robustness.json").read_text())["robustness"]
-    none = {"mass": 1.0, "friction": 1.0, "gains": 1.0}
-    undisturbed = [
-        point["no_fall_fraction"]
-        for result in report
-        for point in result["points"]
-        if point["value"] == none.get(result["disturbance"], 0.0)
-    ]
-    assert undisturbed == [undisturbed[0]] * 6
+@pytest.mark.parametrize("name", NAMES)
+def test_a_disturbance_of_no_size_is_none(name: str) -> None:
+    """What is played once counts for all of them."""
+    task = load_task("parkour", {"evaluation.episode_steps": 20}).for_evaluation()
+    each = disturbance(name, **({"push": {"every": 0.1, "speed": 0.5}} if name == "push" else {}))
+    (plain,) = play_episodes(Standing(), task, 1, 0)
+    (none,) = play_episodes(Standing(), replace(task, randomisation=each.alone(each.none)), 1, 0)
+    (some,) = play_episodes(Standing(), replace(task, randomisation=each.alone(each.values[-1])), 1, 0)
+    np.testing.assert_allclose(none.base_pos_w, plain.base_pos_w, rtol=0, atol=1e-9)
+    if name not in ("sensor_noise", "latency"):  # which a policy that neither looks nor moves cannot tell
+        assert np.abs(some.base_pos_w[: len(plain.base_pos_w)] - plain.base_pos_w[: len(some.base_pos_w)]).max() > 1e-6
 
 
 def test_robustness_and_grid_do_not_go_together(tmp_path: Path) -> None:
@@ -114,14 +129,17 @@ def test_robustness_and_grid_do_not_go_together(tmp_path: Path) -> None:
     assert "'grid' and 'robustness' are different evaluations: give one of them." in done.stderr
 
 
-def test_a_policy_that_stands_falls_under_pushes_that_are_hard_enough() -> None:
-    class Standing:
-        def predict(self, observation: np.ndarray, *_: object, **__: object) -> tuple[np.ndarray, None]:
-            return np.zeros((len(observation), 10)), None
+def test_a_disturbance_of_the_test_is_refused_where_all_are_played(tmp_path: Path) -> None:
+    done = program("evaluate", "run=dive", "robustness=true", "evaluation.randomisation.friction=0.5", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "'robustness' disturbs one thing at a time; its ranges are 'randomisation'" in done.stderr
+    assert not list(tmp_path.iterdir())
 
+
+def test_a_policy_that_stands_falls_under_pushes_that_are_hard_enough() -> None:
     task = load_task("parkour", {"evaluation.episode_steps": 12, "modes.jump": None, "modes.leap": None})
-    pushes = [sweep("push", push={"every": 0.1, "speed": 4.0})]
-    (result,) = robustness.play_sweeps(pushes, Standing(), task.for_evaluation(), 20, 0, None, lambda _: None)
+    pushes = [disturbance("push", push={"every": 0.1, "speed": 4.0})]
+    (result,) = robustness.play_disturbed(pushes, Standing(), task.for_evaluation(), 20, 0, None, lambda _: None)
     fractions = [point["no_fall_fraction"]["mean"] for point in result["points"]]
     assert fractions[0] == 1.0
     assert fractions[-1] < 0.5

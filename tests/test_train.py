@@ -281,7 +281,8 @@ def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) 
 
 def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) -> None:
     grid = "grid=leap.w:0.1:0.3:2,leap.d:0.4:0.5:2"
-    done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", "evaluation.episode_steps=20", cwd=tmp_path)
+    quick = ["episodes=3", "evaluation.episode_steps=20"]
+    done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", *quick, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "grid.json").read_text())["grid"]
     assert not (tmp_path / "metrics.json").exists()
@@ -289,7 +290,18 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
         ([0.1, 0.2], [0.4, 0.45]), ([0.1, 0.2], [0.45, 0.5]), ([0.2, 0.3], [0.4, 0.45]), ([0.2, 0.3], [0.45, 0.5]),
     ]  # fmt: skip
     assert report["trained"]["w"] == [0.2, 0.35]
+    assert {cell["metrics"]["return"]["n"] for cell in report["cells"]} == {3}
     assert (tmp_path / "grid.png").stat().st_size > 5000
+
+
+def test_an_endless_evaluation_ends_at_the_distance_or_by_a_fall(run: Path, tmp_path: Path) -> None:
+    arguments = ["protocol=endless", "max_distance=0.05", "episodes=4", f"out={tmp_path}"]
+    done = program("evaluate", f"run={run}", *arguments, "evaluation.terminations.fall=null", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "metrics.json").read_text())
+    assert set(report["terminations"]) <= {"max_distance", "time_limit"} and report["terminations"]["max_distance"]
+    assert "episode_length_fraction" not in report["metrics"]
+    assert report["metrics"]["distance_m"]["mean"] < 0.2
 
 
 @pytest.mark.parametrize(
@@ -299,7 +311,9 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
         (["episodes=3"], "'run' is missing"),
         (["run={run}", "modes.jmp.h=1"], "unknown mode 'jmp'"),
         (["run={run}", "grid=jump.w"], "'grid' needs two parameters of one mode"),
-        (["run={run}", "grid=jump.q,jump.h"], "no number 'q'"),
+        (["run={run}", "grid=jump.q,jump.h", "out=x"], "no number 'q'"),
+        (["run=dive", "protocol=endless"], "'protocol=endless' is for tracks: the modes of 'dive' take a time"),
+        (["run={run}", "scene=pace_to_jump", "grid=jump.w,jump.h"], "the sequence of modes says"),
     ],
 )
 def test_eval_mistakes_are_a_sentence(arguments, sentence, run: Path, tmp_path: Path) -> None:
@@ -307,6 +321,7 @@ def test_eval_mistakes_are_a_sentence(arguments, sentence, run: Path, tmp_path: 
     assert done.returncode == 2
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("scene", ["pace_to_jump", "pace_leap_pace", "faster"])
