@@ -22,7 +22,9 @@ from pathlib import Path
 from safetensors.torch import load_file
 from torch import equal
 
-from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.files import LOCK
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.storage import verify
 
 INTERVAL = 512
@@ -143,7 +145,7 @@ def compare(alone: Path, killed: Path) -> list[str]:
         wrong.append(f"the best policy is that of step {best[1]} instead of {best[0]}")
     if logged(alone) != logged(killed):
         wrong.append("the log has other rows")
-    left = [str(path) for path in killed.rglob(".*") if path.name != ".hydra"]
+    left = [str(path) for path in killed.rglob(".*") if path.name not in (".hydra", LOCK)]
     return wrong + [f"left over: {path}" for path in left]
 
 

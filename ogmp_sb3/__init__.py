@@ -14,10 +14,10 @@ from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
-    from ogmp_sb3.checkpoints import load_policy
     from ogmp_sb3.env import BatchEnv
     from ogmp_sb3.episodes import play_episodes
     from ogmp_sb3.learner import make_model
+    from ogmp_sb3.loading import load_policy
     from ogmp_sb3.player import Player
     from ogmp_sb3.recurrent import RecurrentPPO
     from ogmp_sb3.video import write_video
@@ -44,7 +44,7 @@ _LATER = {
     "OgmpVecEnv": "adapters",
     "Player": "player",
     "RecurrentPPO": "recurrent",
-    "load_policy": "checkpoints",
+    "load_policy": "loading",
     "make_env": "adapters",
     "make_model": "learner",
     "play_episodes": "episodes",

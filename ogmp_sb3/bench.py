@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import platform
 import resource
-import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,26 +15,24 @@ import torch as th
 from rich.table import Table
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
 from ogmp_sb3 import cli
-from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
+from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.bench_physics import bench_physics
-from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.bench_sim import Numbers, bench_sim, median, seconds_of, stock_env
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.plotting import plot_throughput
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.scenes import TRAINING_ONLY, task_for_test
-from ogmp_sb3.sim import Simulation
 from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-bench"
 FASTEST_CHUNK = 16  # steps: the fastest chunks on two cores
-Numbers = dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,146 +75,6 @@ HELP = cli.usage(
 )
 
 
-def bench_sim(config: BenchConfig, task: TaskConfig) -> Numbers:
-    """``OgmpVecEnv.step`` against bare physics, against SB3's own vectorisation, and by size."""
-    steps = config.steps or 150
-    recording = record(task, config.num_envs, steps)
-    whole, bare = [], []
-    for _ in range(config.repeats):
-        whole.append(_time_recording(task, recording))
-        bare.append(_seconds(bare_replay(task, recording)[1]))
-    found = {
-        "sim_over_bare_physics": _median(bare) / _median(whole),
-        "steps_per_second": config.num_envs * steps / _median(whole),
-        "bare_physics_steps_per_second": config.num_envs * steps / _median(bare),
-    }
-    found |= _shares(task, recording)
-    cores = thread_count("auto")
-    for name, kind in (("dummy_vec_env", DummyVecEnv), ("subproc_vec_env", SubprocVecEnv)):
-        number = 4 * cores
-        seconds = _time_stock(kind, task, number, max(steps // 4, 10))
-        found[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
-    for number in (1, 16, 64, 256, 1024):
-        found[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
-    for threads in range(1, cores + 1):
-        found[f"steps_per_second_{threads}_threads"] = _throughput(task, config.num_envs, steps, threads)
-    return found
-
-
-@dataclass(frozen=True)
-class Recording:
-    """A run of a batch of environments: what went in, and the state after every reset."""
-
-    actions: np.ndarray
-    """shape (steps, num_envs, joints)"""
-    resets: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    """after each step: rows, their simulation states, their terrain"""
-    laid: list[tuple[np.ndarray, np.ndarray]]
-    """after each step: rows whose track went on, their terrain"""
-
-
-def _actions(task: TaskConfig, steps: int, num_envs: int) -> np.ndarray:
-    """What an untrained policy does: the exploration noise."""
-    size = (steps, num_envs, len(task.robot_config.joints))
-    return (task.action.noise / task.action.scale * np.random.default_rng(0).standard_normal(size)).astype(np.float32)
-
-
-def record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
-    """Run an untrained policy and write down what physics saw."""
-    env = OgmpVecEnv(task, num_envs, seed=0)
-    env.reset()
-    recording = Recording(_actions(task, steps, num_envs), [], [])
-    batch = env.batch
-    before = batch.terrain.copy()
-    for action in recording.actions:
-        _, _, dones, _ = env.step(action)
-        ended = np.flatnonzero(dones)
-        recording.resets.append((ended, batch.sim.batch.state[ended].copy(), batch.terrain[ended].copy()))
-        moved = np.flatnonzero((batch.terrain != before).any(axis=(1, 2)) & ~dones)
-        recording.laid.append((moved, batch.terrain[moved].copy()))
-        before = batch.terrain.copy()
-    return recording
-
-
-def _time_recording(task: TaskConfig, recording: Recording) -> float:
-    env = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
-    env.reset()
-    return _seconds(lambda: [env.step(action) for action in recording.actions])
-
-
-def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Callable[[], None]]:
-    """The same physics and nothing else: a simulation, and what replays the recorded controls, resets and terrain."""
-    reference = BatchEnv(task, recording.actions.shape[1], seed=0)
-    reference.reset()
-    every = np.arange(reference.num_envs)
-    sim = Simulation(task.robot_config, len(every), task.physics_dt, task.track.boxes, 0)
-    sim.batch.state[:] = reference.sim.batch.state
-    sim.set_terrain(every, reference.terrain)
-    nominal = np.array(task.robot_config.nominal_joints)
-    targets = nominal + task.action.scale * np.clip(recording.actions, -1.0, 1.0)
-
-    def replay() -> None:
-        for target, (rows, states, boxes), (moved, track) in zip(
-            targets, recording.resets, recording.laid, strict=True
-        ):
-            sim.ctrl[:, sim.actuators] = target
-            sim.batch.step(None, task.substeps)
-            for changed, ground in ((moved, track), (rows, boxes)):
-                if len(changed):
-                    sim.set_terrain(changed, ground)
-            sim.batch.state[rows] = states
-
-    return sim, replay
-
-
-def _shares(task: TaskConfig, recording: Recording) -> Numbers:
-    """Shares of the time of a step, by wrapping the parts with a clock."""
-    env = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
-    env.reset()
-    spent: Numbers = {}
-
-    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def wrapped(*args: Any, **kwargs: Any) -> Any:
-            begin = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
-
-        return wrapped
-
-    batch: Any = env.batch
-    batch.sim.step = timed("physics", batch.sim.step)
-    batch._query = timed("oracle", batch._query)
-    batch._observe = timed("observation", batch._observe)
-    batch.reset = timed("reset", batch.reset)
-    for name, term in batch._rewards.items():
-        batch._rewards[name] = timed("reward", term)
-    total = _seconds(lambda: [env.step(action) for action in recording.actions])
-    return {f"share_{name}": seconds / total for name, seconds in sorted(spent.items())}
-
-
-def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> float:
-    env = OgmpVecEnv(task, num_envs, seed=0, threads=threads)
-    env.reset()
-    actions = _actions(task, steps, num_envs)
-    return num_envs * steps / _seconds(lambda: [env.step(action) for action in actions])
-
-
-def _stock_env(kind: Callable[..., VecEnv], task: TaskConfig, number: int) -> VecEnv:
-    # Imported once, by the server that all workers are forked from: 64 imports of PyTorch take minutes on two cores.
-    multiprocessing.set_forkserver_preload(["ogmp_sb3.adapters"])
-    makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
-    return kind(makers)
-
-
-def _time_stock(kind: Callable[..., VecEnv], task: TaskConfig, number: int, steps: int) -> float:
-    actions = _actions(task, steps, number)
-    with closing(_stock_env(kind, task, number)) as env:
-        env.reset()
-        return _seconds(lambda: [env.step(action) for action in actions])
-
-
 def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
     """``train()`` on the same rollout: stock, ours with stock's gradients, ours with chunks."""
     recipe = default_ppo()
@@ -235,13 +89,13 @@ def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
         for name, learner in learners.items():
             _, callback = learner._setup_learn(10**9, reset_num_timesteps=False)
             learner.collect_rollouts(env, callback, learner.rollout_buffer, learner.n_steps)
-            seconds[name].append(_seconds(learner.train))
-    median = {name: _median(values) for name, values in seconds.items()}
+            seconds[name].append(seconds_of(learner.train))
+    each = {name: median(values) for name, values in seconds.items()}
     samples = recipe.n_steps * config.num_envs
     return {
-        "learner_exact_over_stock": median["stock"] / median["exact"],
-        "learner_over_stock": median["stock"] / median["chunked"],
-        **{f"{name}_samples_per_second": samples / value for name, value in median.items()},
+        "learner_exact_over_stock": each["stock"] / each["exact"],
+        "learner_over_stock": each["stock"] / each["chunked"],
+        **{f"{name}_samples_per_second": samples / value for name, value in each.items()},
     }
 
 
@@ -269,16 +123,16 @@ def bench_train(config: BenchConfig, task: TaskConfig) -> Numbers:
     samples = max(config.steps or 4 * rollout, rollout) // rollout * rollout
     ours_env = OgmpVecEnv(task, config.num_envs, seed=0)
     ours = _learner(RecurrentPPO, ours_env, recipe, recipe.chunk_length)
-    with closing(_stock_env(SubprocVecEnv, task, config.num_envs)) as stock_env:
-        stock = _learner(StockRecurrentPPO, stock_env, recipe, None)
+    with closing(stock_env(SubprocVecEnv, task, config.num_envs)) as theirs:
+        stock = _learner(StockRecurrentPPO, theirs, recipe, None)
         ours_rate, stock_rate = [], []
         for _ in range(config.repeats):
-            ours_rate.append(samples / _seconds(lambda: ours.learn(samples, reset_num_timesteps=False)))
-            stock_rate.append(rollout / _seconds(lambda: stock.learn(rollout, reset_num_timesteps=False)))
+            ours_rate.append(samples / seconds_of(lambda: ours.learn(samples, reset_num_timesteps=False)))
+            stock_rate.append(rollout / seconds_of(lambda: stock.learn(rollout, reset_num_timesteps=False)))
     return {
-        "train_over_stock": _median(ours_rate) / _median(stock_rate),
-        "samples_per_second": _median(ours_rate),
-        "stock_samples_per_second": _median(stock_rate),
+        "train_over_stock": median(ours_rate) / median(stock_rate),
+        "samples_per_second": median(ours_rate),
+        "stock_samples_per_second": median(stock_rate),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "memory_mb_per_env": _memory_per_env(task),
     }
@@ -301,17 +155,6 @@ def _memory_per_env(task: TaskConfig) -> float:
     return grown / 1024
 
 
-def _seconds(body: Callable[[], Any]) -> float:
-    gc.collect()
-    begin = time.perf_counter()
-    body()
-    return time.perf_counter() - begin
-
-
-def _median(values: list[float]) -> float:
-    return float(np.median(values))
-
-
 def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"what={a}" for a in arguments]
     config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
@@ -326,8 +169,10 @@ def _run(arguments: list[str]) -> None:
         task = load_task(config.task or "parkour", overrides)
         if config.what == "physics":
             numbers = bench_physics(task, None, config.num_envs, config.repeats)
+        elif config.what == "sim":
+            numbers = bench_sim(task, config.num_envs, config.steps or 150, config.repeats)
         else:
-            numbers = {"sim": bench_sim, "learner": bench_learner, "train": bench_train}[config.what](config, task)
+            numbers = {"learner": bench_learner, "train": bench_train}[config.what](config, task)
     table = Table(title=f"{PROGRAM} {config.what}, {platform.processor() or platform.machine()}", title_justify="left")
     table.add_column("what")
     table.add_column("value", justify="right")

@@ -12,7 +12,7 @@ from ogmp_sb3.definitions import TaskConfig, Terms
 from ogmp_sb3.ranges import ModeRanges
 from ogmp_sb3.registry import Registry, broken_plugins, did_you_mean, load_plugins
 from ogmp_sb3.robot import RobotConfig
-from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
+from ogmp_sb3.schema import Where, apply_overrides, read, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
 
 PACKAGE = Path(__file__).parent
@@ -32,16 +32,6 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     path = task_path(name_or_path)
     data = read_yaml(path)
     return task_from_data(apply_overrides(data, overrides, shown_path(path)), path)
-
-
-def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
-    """Put overrides into plain task data, in place, and return it. See :func:`load_task`.
-
-    :param file: for messages
-    """
-    for key, value in _override_items(overrides, file):
-        _set(data, key.split("."), value, Where(file))
-    return data
 
 
 def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
@@ -265,36 +255,6 @@ class _located:
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         if isinstance(error, KeyError | ValueError | TypeError):
             raise type(error)(f"{self.where}: {error.args[0]}") from None
-
-
-def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
-    if isinstance(overrides, Mapping):
-        yield from ((str(key), value) for key, value in overrides.items())
-        return
-    if isinstance(overrides, str | bytes) or not isinstance(overrides, Iterable):
-        raise TypeError(f"{file}: overrides must be a mapping or a list of key=value, found {describe(overrides)}.")
-    for text in overrides:
-        key, sign, value = str(text).partition("=")
-        if not sign or not key or not value.strip():
-            raise ValueError(f"{file}: override {str(text)!r} must have the form key=value (null for nothing).")
-        try:
-            yield key, read_value(value)
-        except ValueError as error:
-            raise ValueError(f"{file}: override {str(text)!r} has a value that is not YAML ({error}).") from None
-
-
-def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
-    """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
-    first, *rest = keys
-    if not rest and not isinstance(value, Mapping):
-        node[first] = value
-        return
-    if rest and not isinstance(node.get(first), dict | None):
-        raise TypeError(f"{where / first} is {describe(node[first])}: it has no {'.'.join(rest)!r} to set.")
-    if not isinstance(node.get(first), dict):
-        node[first] = {}
-    for key, inner in [(".".join(rest), value)] if rest else value.items():
-        _set(node[first], str(key).split("."), inner, where / first)
 
 
 def _is_file(path: Path) -> bool:

@@ -1,15 +1,19 @@
-"""Play a policy for whole episodes and keep a record of each."""
+"""Play a policy for whole episodes, keep a record of each, and measure them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from ogmp_sb3 import registry
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import UNSTABLE, BatchEnv
-from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.grid import cell_task
+from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
 from ogmp_sb3.policy import LstmPolicy
+from ogmp_sb3.ranges import Range
 from ogmp_sb3.srb import POS, VEL
 from ogmp_sb3.view import EnvView
 
@@ -100,3 +104,68 @@ def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.
         "deviation": view.deviation,
     }
     return {name: values.copy() for name, values in series.items()}
+
+
+def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
+    """Every metric of the task over a set of episodes, with the true objective.
+
+    :return: by name
+    """
+    names = task.evaluation.metrics
+    found = {name: summarise(registry.metrics.get(name)(r) for r in records) for name in names}
+    found["true_objective"] = summarise(registry.objectives.get(task.objective)(r) for r in records)
+    return found
+
+
+def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[str, Summary]]:
+    """The metrics by each value of the word parameters of an episode's first mode (dive: by direction).
+
+    :return: by ``parameter=word``, as of :func:`evaluate`
+    """
+    groups: dict[str, list[EpisodeRecord]] = {}
+    for record in records:
+        for key, value in record.modes[0].items():
+            if key != "mode" and isinstance(value, str):
+                groups.setdefault(f"{key}={value}", []).append(record)
+    return {group: evaluate(task, members) for group, members in sorted(groups.items())}
+
+
+def measure(
+    policy: LstmPolicy,
+    task: TaskConfig,
+    episodes: int,
+    seed: int,
+    max_distance: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Any]:
+    """Play episodes and sum them up as plain data: metrics, by group, median distance and causes of their ends.
+
+    The parameters are those of :func:`~ogmp_sb3.episodes.play_episodes`.
+    """
+    records = play_episodes(policy, task, episodes, seed, max_distance, progress)
+    causes = [r.termination for r in records]
+    return {
+        "metrics": evaluate(task, records),
+        "groups": by_word(task, records),
+        "median_distance_m": float(np.median([registry.metrics.get("distance_m")(r) for r in records])),
+        "terminations": {cause: causes.count(cause) for cause in sorted(set(causes))},
+    }
+
+
+def evaluate_cell(
+    policy: LstmPolicy,
+    task: TaskConfig,
+    mode: str,
+    cell: dict[str, Range],
+    episodes: int,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Summary]:
+    """The metrics of one cell of a grid, as of :func:`evaluate`, on the tracks of :func:`~ogmp_sb3.grid.cell_task`.
+
+    :param task: under the protocol wanted
+    :param cell: of :attr:`Grid.cells <ogmp_sb3.grid.Grid.cells>`; the rest as for
+        :func:`~ogmp_sb3.episodes.play_episodes`
+    """
+    task = cell_task(task, mode, cell)
+    return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))

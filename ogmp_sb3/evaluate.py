@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ogmp_sb3 import cli, registry
-from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
+from ogmp_sb3 import cli
 from ogmp_sb3.config import shown_path
 from ogmp_sb3.course import extent
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.episodes import evaluate_cell, measure
 from ogmp_sb3.epsilon import estimate_epsilon
-from ogmp_sb3.grid import Grid, cell_task, read_grid
+from ogmp_sb3.grid import Grid, read_grid
+from ogmp_sb3.loading import LoadedPolicy, load_policy
 from ogmp_sb3.logs import progress_bar
-from ogmp_sb3.metrics import EpisodeRecord, Summary, as_text, summarise
+from ogmp_sb3.metrics import Summary, as_text
 from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting import plot_grids, plot_robustness
-from ogmp_sb3.policy import LstmPolicy
-from ogmp_sb3.ranges import Range
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
 from ogmp_sb3.runs import default_out
@@ -94,30 +90,6 @@ HELP = cli.usage(
 )
 
 
-def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
-    """Every metric of the task over a set of episodes, with the true objective.
-
-    :return: by name
-    """
-    names = task.evaluation.metrics
-    found = {name: summarise(registry.metrics.get(name)(r) for r in records) for name in names}
-    found["true_objective"] = summarise(registry.objectives.get(task.objective)(r) for r in records)
-    return found
-
-
-def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[str, Summary]]:
-    """The metrics by each value of the word parameters of an episode's first mode (dive: by direction).
-
-    :return: by ``parameter=word``, as of :func:`evaluate`
-    """
-    groups: dict[str, list[EpisodeRecord]] = {}
-    for record in records:
-        for key, value in record.modes[0].items():
-            if key != "mode" and isinstance(value, str):
-                groups.setdefault(f"{key}={value}", []).append(record)
-    return {group: evaluate(task, members) for group, members in sorted(groups.items())}
-
-
 def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
     """The task as in training, with the user's overrides.
 
@@ -144,47 +116,6 @@ def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
         evaluation = replace(task.evaluation, metrics=metrics)
         task = replace(task, track=replace(task.track, length=None), episode_steps=steps, evaluation=evaluation)
     return task
-
-
-def measure(
-    policy: LstmPolicy,
-    task: TaskConfig,
-    episodes: int,
-    seed: int,
-    max_distance: float | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Any]:
-    """Play episodes and sum them up as plain data: metrics, by group, median distance and causes of their ends.
-
-    The parameters are those of :func:`~ogmp_sb3.episodes.play_episodes`.
-    """
-    records = play_episodes(policy, task, episodes, seed, max_distance, progress)
-    causes = [r.termination for r in records]
-    return {
-        "metrics": evaluate(task, records),
-        "groups": by_word(task, records),
-        "median_distance_m": float(np.median([registry.metrics.get("distance_m")(r) for r in records])),
-        "terminations": {cause: causes.count(cause) for cause in sorted(set(causes))},
-    }
-
-
-def evaluate_cell(
-    policy: LstmPolicy,
-    task: TaskConfig,
-    mode: str,
-    cell: dict[str, Range],
-    episodes: int,
-    seed: int,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Summary]:
-    """The metrics of one cell of a grid, as of :func:`evaluate`, on the tracks of :func:`~ogmp_sb3.grid.cell_task`.
-
-    :param task: under the protocol wanted
-    :param cell: of :attr:`Grid.cells <ogmp_sb3.grid.Grid.cells>`; the rest as for
-        :func:`~ogmp_sb3.episodes.play_episodes`
-    """
-    task = cell_task(task, mode, cell)
-    return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))
 
 
 def show(title: str, metrics: dict[str, Summary], console: Console) -> None:

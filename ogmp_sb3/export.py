@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ogmp_sb3 import cli, registry
-from ogmp_sb3.checkpoints import LoadedPolicy, load_policy
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.latent import reference_features, task_encoder
+from ogmp_sb3.loading import LoadedPolicy, load_policy
 from ogmp_sb3.observations import CLIP, Part
 from ogmp_sb3.policy import Normaliser
 from ogmp_sb3.recipe import versions

@@ -17,8 +17,8 @@ import numpy as np
 from rich.table import Table
 
 from ogmp_sb3 import cli
-from ogmp_sb3.checkpoints import load_policy
-from ogmp_sb3.evaluate import measure
+from ogmp_sb3.episodes import measure
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep

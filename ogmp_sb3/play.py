@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ogmp_sb3 import cli
-from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import task_path
 from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.player import Player
 from ogmp_sb3.policy import LstmPolicy

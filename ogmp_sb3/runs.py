@@ -13,9 +13,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from ogmp_sb3.checkpoints import LoadedPolicy, checkpoint_dirs
+from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.files import occupied
+from ogmp_sb3.loading import LoadedPolicy
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
 from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml

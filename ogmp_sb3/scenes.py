@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.config import TASKS_DIR, apply_overrides, shown_path, task_from_data
+from ogmp_sb3.config import TASKS_DIR, shown_path, task_from_data
 from ogmp_sb3.definitions import Scene, TaskConfig
 from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read, read_value, read_yaml
+from ogmp_sb3.schema import Where, apply_overrides, read, read_value, read_yaml
 
 SCENES_DIR = TASKS_DIR / "scenes"
 TRAINING_ONLY = {

@@ -11,7 +11,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,6 +82,49 @@ def read_value(text: str) -> Any:
         raise ValueError("nested too deeply, or inside itself") from None
     except UNREADABLE as error:
         raise ValueError(" ".join(str(error).split())) from None
+
+
+def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
+    """Put overrides into plain data, in place, and return it.
+
+    :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
+    :param file: for messages
+    :raises ValueError: if an override is not ``key=value``
+    :raises TypeError: if it is below something that is no mapping
+    """
+    for key, value in _override_items(overrides, file):
+        _set(data, key.split("."), value, Where(file))
+    return data
+
+
+def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
+    if isinstance(overrides, Mapping):
+        yield from ((str(key), value) for key, value in overrides.items())
+        return
+    if isinstance(overrides, str | bytes) or not isinstance(overrides, Iterable):
+        raise TypeError(f"{file}: overrides must be a mapping or a list of key=value, found {describe(overrides)}.")
+    for text in overrides:
+        key, sign, value = str(text).partition("=")
+        if not sign or not key or not value.strip():
+            raise ValueError(f"{file}: override {str(text)!r} must have the form key=value (null for nothing).")
+        try:
+            yield key, read_value(value)
+        except ValueError as error:
+            raise ValueError(f"{file}: override {str(text)!r} has a value that is not YAML ({error}).") from None
+
+
+def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
+    """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
+    first, *rest = keys
+    if not rest and not isinstance(value, Mapping):
+        node[first] = value
+        return
+    if rest and not isinstance(node.get(first), dict | None):
+        raise TypeError(f"{where / first} is {describe(node[first])}: it has no {'.'.join(rest)!r} to set.")
+    if not isinstance(node.get(first), dict):
+        node[first] = {}
+    for key, inner in [(".".join(rest), value)] if rest else value.items():
+        _set(node[first], str(key).split("."), inner, where / first)
 
 
 def read(kind: type[T], data: Any, where: Where) -> T:

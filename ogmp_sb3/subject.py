@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.checkpoints import LoadedPolicy
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.episodes import play_episodes
-from ogmp_sb3.evaluate import evaluate_cell, measure
+from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.grid import Grid, limits
+from ogmp_sb3.loading import LoadedPolicy
 from ogmp_sb3.recipe import RECORDED, versions
 from ogmp_sb3.results import Results
 from ogmp_sb3.scenes import task_for_test
@@ -49,7 +48,7 @@ class Subject:
     def evaluation(self, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
         """Metrics under the task's test protocol: from before, from ``ogmp-eval``, or measured now.
 
-        :return: as :func:`~ogmp_sb3.evaluate.measure`, the return always among the metrics
+        :return: as :func:`~ogmp_sb3.episodes.measure`, the return always among the metrics
         """
         settings = {**self._settings, "episodes": episodes, "seed": seed}
         known = None if settings in self._results else self._evaluated(episodes, seed)

@@ -13,7 +13,8 @@ from safetensors.torch import load_file
 
 from ogmp_sb3 import make_env
 from ogmp_sb3.averaging import PolicyAverage
-from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recurrent import RecurrentPPO
 
 ROLLOUT = 2 * 8

@@ -12,29 +12,30 @@ from programs import program
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from ogmp_sb3 import bench, bench_physics
+from ogmp_sb3 import bench, bench_physics, bench_sim
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config import load_task
 from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sim import Simulation
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive"])
 def test_the_bare_replay_is_the_same_physics_bit_for_bit(name: str) -> None:
     task = load_task(name, {"episode_steps": 15})
-    recording = bench.record(task, num_envs=3, steps=40)
+    recording = bench_sim.record(task, num_envs=3, steps=40)
     assert sum(len(rows) for rows, _, _ in recording.resets) > 3
     env = OgmpVecEnv(task, 3, seed=0)
     env.reset()
     for action in recording.actions:
         env.step(action)
-    sim, replay = bench.bare_replay(task, recording)
+    sim, replay = bench_sim.bare_replay(task, recording)
     replay()
     np.testing.assert_array_equal(sim.batch.state, env.batch.sim.batch.state)
 
 
 def test_shares_of_a_step_are_parts_of_a_whole() -> None:
     task = load_task("parkour")
-    shares = bench._shares(task, bench.record(task, num_envs=4, steps=30))
+    shares = bench_sim._shares(task, bench_sim.record(task, num_envs=4, steps=30))
     assert set(shares) == {"share_physics", "share_oracle", "share_observation", "share_reward", "share_reset"}
     assert all(0 < share < 1 for share in shares.values())
 
@@ -51,7 +52,7 @@ def test_learners_are_compared_on_the_same_full_rollouts(monkeypatch: pytest.Mon
 
 def test_sb3_s_own_vectorisation_steps_the_same_task() -> None:
     task = load_task("parkour", {"modes.jump": None, "episode_steps": 7})
-    with closing(bench._stock_env(DummyVecEnv, task, 2)) as env:
+    with closing(bench_sim.stock_env(DummyVecEnv, task, 2)) as env:
         assert [batch.task for batch in env.get_attr("batch")] == [task, task]
 
 
@@ -77,7 +78,7 @@ def test_a_replay_at_the_task_s_own_step_ends_where_the_run_did() -> None:
     task = load_task("parkour")
     windows = bench_physics.record_windows(task, None, num_envs=4)
     assert len(windows) == bench_physics.WINDOWS
-    sim = bench.Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, 1)
+    sim = Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, 1)
     window = windows[0]
     sim.set_terrain(np.array([0]), window.terrain[None])
     sim.batch.state[0] = window.state

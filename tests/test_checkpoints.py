@@ -18,17 +18,15 @@ from programs import SMALL, program
 from safetensors.torch import load_file, save_file
 
 from ogmp_sb3.checkpoints import (
-    POLICIES_DIR,
     checkpoint_dirs,
     copy_policy,
     latest_checkpoint,
-    load_policy,
     load_trainer,
-    policy_dir,
     save_checkpoint,
     try_checkpoint,
 )
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.loading import POLICIES_DIR, load_policy, policy_dir
 from ogmp_sb3.storage import MANIFEST, verify, write_manifest
 
 

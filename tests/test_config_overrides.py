@@ -12,8 +12,9 @@ import yaml
 from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 
 from ogmp_sb3 import load_task
-from ogmp_sb3.config import apply_overrides, task_from_data
+from ogmp_sb3.config import task_from_data
 from ogmp_sb3.ranges import Range
+from ogmp_sb3.schema import apply_overrides
 
 
 @pytest.mark.parametrize(

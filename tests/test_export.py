@@ -17,14 +17,15 @@ from test_train import program
 
 from ogmp_sb3 import export
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.checkpoints import LoadedPolicy, load_policy, save_checkpoint
-from ogmp_sb3.config import TASKS_DIR, apply_overrides, task_from_data
+from ogmp_sb3.checkpoints import save_checkpoint
+from ogmp_sb3.config import TASKS_DIR, task_from_data
 from ogmp_sb3.controller import Controller
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.loading import LoadedPolicy, load_policy
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.schema import apply_overrides, read_yaml
 
 ALONE = """
 import json, sys

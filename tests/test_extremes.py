@@ -12,8 +12,8 @@ from programs import program
 
 from ogmp_sb3 import load_task
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
-from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.terrain import NOTHING, height_at
 
 STEPS = 12

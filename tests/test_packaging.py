@@ -43,13 +43,14 @@ LAYERS = (
     {"recurrent"},
     {"trainer", "sb3_zip"},
     {"checkpoints"},
+    {"loading"},
     {"onnx_models", "controller"},
     {"recipe"},
     {"learner", "traces", "results", "page"},
     {"plotting", "plotting_training", "logs", "averaging", "cli", "episodes", "zoo", "player", "stage"},
     {"saving"},
     {"training", "robustness", "epsilon", "video", "viewer"},
-    {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "halving"}
+    {"train", "evaluate", "check", "encode", "play", "export", "bench", "bench_physics", "bench_sim", "halving"}
     | {"overrides", "failures", "report", "report_run", "report_sweep", "runs", "sweeps", "subject"},
 )
 """Modules from left to right. Each imports from its left and, without cycles, from its layer."""

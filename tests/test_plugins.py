@@ -359,5 +359,5 @@ def test_every_command_finds_the_installed_example(target: Path, tmp_path: Path)
     assert config["versions"]["ogmp-pup"] == "0.1.0"
     assert (tmp_path / "run" / "evaluation" / "metrics.json").is_file()
     assert (tmp_path / "encoders" / "hurdles" / "encoder.json").is_file()
-    terms = json.loads((tmp_path / "exported" / "policy.json").read_text())["observation"]["terms"]
+    terms = json.loads((tmp_path / "exported" / "controller.json").read_text())["observation"]["terms"]
     assert "gravity_direction" in terms

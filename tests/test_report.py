@@ -20,9 +20,9 @@ from PIL import Image
 from test_train import SMALL, program
 
 from ogmp_sb3 import report_run
-from ogmp_sb3.checkpoints import load_policy
 from ogmp_sb3.config import load_task
 from ogmp_sb3.grid import default_grids
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return, spread
 from ogmp_sb3.runs import default_out, owner

@@ -15,7 +15,8 @@ from learners import ROLLOUT, learner, policy_info, update
 from programs import SMALL, program, progress
 
 from ogmp_sb3 import checkpoints, logs, saving
-from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint, load_policy
+from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
 from ogmp_sb3.recipe import TrainConfig, default_ppo
 from ogmp_sb3.recurrent import RecurrentPPO

@@ -11,7 +11,7 @@ import pytest
 from learners import learner, update
 from programs import program
 
-from ogmp_sb3.checkpoints import load_policy
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.sb3_zip import PICKLES, load_zip
 
 

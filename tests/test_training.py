@@ -18,10 +18,11 @@ import yaml
 from programs import SMALL, program
 from safetensors.torch import load_file
 
-from ogmp_sb3.checkpoints import checkpoint_dirs, load_policy
+from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
+from ogmp_sb3.loading import load_policy
 from ogmp_sb3.runs import read_log
 from ogmp_sb3.storage import write_manifest
 from ogmp_sb3.training import run_config

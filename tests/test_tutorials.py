@@ -49,8 +49,11 @@ LESS = {
 def smaller(name: str, given: list[str]) -> list[str]:
     """The arguments of a command with a budget of seconds."""
     given = [re.sub(r"^(total_timesteps=)(\d+)$", lambda m: f"{m[1]}{max(256, int(m[2]) // 2000)}", g) for g in given]
-    resumed = any(word.startswith("resume=") for word in given)  # its other settings cannot change
-    return given if resumed else [*given, *LESS.get(name, [])]
+    if any(word.startswith("resume=") for word in given):  # its other settings cannot change
+        return given
+    less = LESS.get(name, [])
+    replaced = {word.partition("=")[0] for word in less}
+    return [*(word for word in given if word.partition("=")[0] not in replaced), *less]
 
 
 def blocks(page: Path) -> list[tuple[str, str]]:
