@@ -5,14 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
 from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.checkpoints import save_checkpoint
 from ogmp_sb3.config import TASKS_DIR, task_from_data
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.schema import apply_overrides, read_yaml
 
 STEPS, ENVS = 8, 2
 ROLLOUT = STEPS * ENVS
@@ -47,3 +49,18 @@ def update(model: RecurrentPPO, callback: BaseCallback, times: int = 1) -> None:
 
 def whole(folder: Path) -> bool:
     return (folder / "policy.safetensors").is_file() and (folder / "policy.json").is_file()
+
+
+def make_policy(folder: Path, name: str, layers: int, *overrides: str) -> Path:
+    """A policy with random weights whose actions reach their limits now and then."""
+    path = TASKS_DIR / f"{name}.yaml"
+    data = apply_overrides(read_yaml(path), overrides, name)
+    env = OgmpVecEnv(task_from_data(data, path), num_envs=4, threads=1)
+    kwargs = policy_kwargs(env.batch.observation_scale, lstm_hidden_size=32, n_lstm_layers=layers)
+    model = RecurrentPPO("MlpLstmPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, policy_kwargs=kwargs)
+    model.learn(64)
+    with th.no_grad():
+        model.policy.action_net.weight.mul_(150.0)
+        model.policy.action_net.bias.normal_()
+    save_checkpoint(model, folder, {"task": data, "task_file": str(path)})
+    return folder

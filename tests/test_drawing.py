@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_player import flat
+from players import flat
 
 from ogmp_sb3.adapters import OgmpEnv
 from ogmp_sb3.config import load_task

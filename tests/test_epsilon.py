@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from learners import make_policy
 from programs import program
-from test_export import make_policy
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.definitions import TaskConfig

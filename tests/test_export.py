@@ -12,20 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch as th
-from test_train import program
+from learners import make_policy
+from programs import program
 
 from ogmp_sb3 import export
-from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.checkpoints import save_checkpoint
-from ogmp_sb3.config import TASKS_DIR, task_from_data
 from ogmp_sb3.controller import Controller
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.loading import LoadedPolicy, load_policy
 from ogmp_sb3.observations import CLIP
-from ogmp_sb3.policy import policy_kwargs
-from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import apply_overrides, read_yaml
 
 ALONE = """
 import json, sys
@@ -47,21 +41,6 @@ for line in sys.stdin:
     else:
         print(json.dumps(controller.step(np.array(observation)).tolist()), flush=True)
 """
-
-
-def make_policy(folder: Path, name: str, layers: int, *overrides: str) -> Path:
-    """A policy with random weights whose actions reach their limits now and then."""
-    path = TASKS_DIR / f"{name}.yaml"
-    data = apply_overrides(read_yaml(path), overrides, name)
-    env = OgmpVecEnv(task_from_data(data, path), num_envs=4, threads=1)
-    kwargs = policy_kwargs(env.batch.observation_scale, lstm_hidden_size=32, n_lstm_layers=layers)
-    model = RecurrentPPO("MlpLstmPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, policy_kwargs=kwargs)
-    model.learn(64)
-    with th.no_grad():
-        model.policy.action_net.weight.mul_(150.0)
-        model.policy.action_net.bias.normal_()
-    save_checkpoint(model, folder, {"task": data, "task_file": str(path)})
-    return folder
 
 
 @pytest.fixture(scope="module")

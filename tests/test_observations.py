@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_view import make_view
+from views import make_view
 
 from ogmp_sb3.observations import DEEPEST, clock, height_scan, proprioception
 from ogmp_sb3.terrain import NOTHING, empty_terrain

@@ -9,7 +9,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from test_train import SMALL, program
+from programs import SMALL, program
 
 from ogmp_sb3.play import PlayConfig, load
 from ogmp_sb3.player import Player

@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
-from gymnasium import spaces
+from players import Still, flat, still_player
 
 from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame
 from ogmp_sb3.player import Player, endless
 from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.terrain import X1, height_at
-
-
-class Still:
-    """A policy that holds the nominal pose, and remembers when it was told that an episode starts."""
-
-    def __init__(self, observations: int) -> None:
-        self.observation_space = spaces.Box(-1.0, 1.0, (observations,))
-        self.starts: list[bool] = []
-
-    def predict(self, observation: np.ndarray, state: Any, episode_start: np.ndarray, deterministic: bool) -> Any:
-        assert deterministic
-        self.starts.append(bool(episode_start[0]))
-        return np.zeros((1, 10)), (np.zeros(1),)
-
-
-def still_player(task: TaskConfig, seed: int = 0) -> Player:
-    return Player(task, cast(LstmPolicy, Still(BatchEnv(task).observation_size)), seed)
-
-
-def flat(**overrides: Any) -> TaskConfig:
-    return load_task("parkour", {"modes.jump": None, "modes.leap": None, "curriculum": None, **overrides})
 
 
 def until_end(player: Player) -> list[Frame]:

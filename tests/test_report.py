@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from test_train import SMALL, program
+from programs import SMALL, program
 
 from ogmp_sb3 import report_run
 from ogmp_sb3.config import load_task

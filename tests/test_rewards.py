@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_view import make_view
+from views import make_view
 
 from ogmp_sb3 import registry
 from ogmp_sb3.config import TASKS_DIR, load_task

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_export import make_policy
-from test_train import program
+from learners import make_policy
+from programs import program
 
 from ogmp_sb3 import robustness
 from ogmp_sb3.config import load_task

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_view import make_view
+from views import make_view
 
 from ogmp_sb3.terminations import fall, off_track
 from ogmp_sb3.terrain import NOTHING

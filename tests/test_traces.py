@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_metrics import record
+from records import record
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.plotting import CAUSE_COLOURS, MODE_COLOURS, colours_of

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_player import flat, still_player
+from players import flat, still_player
 
 from ogmp_sb3 import video
 from ogmp_sb3.config import load_task

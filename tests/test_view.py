@@ -1,45 +1,13 @@
-"""The deviation from the reference, and a view made by hand that the tests of terms share."""
+"""The deviation from the reference."""
 
 from dataclasses import FrozenInstanceError
-from typing import Any
 
 import numpy as np
 import pytest
+from views import make_view
 
-from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.srb import STATE_NAMES, STATE_SIZE
-from ogmp_sb3.terrain import empty_terrain
-from ogmp_sb3.view import EnvView, deviation
-
-
-def make_view(num_envs: int = 3, **fields: Any) -> EnvView:
-    """Robots at rest at the origin, upright, 0.5 m above ground that is not there, on their reference."""
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (num_envs, 1))
-    position = np.asarray(fields.get("base_pos_w", np.tile([0.0, 0.0, 0.5], (num_envs, 1))), dtype=float)
-    state = np.zeros((num_envs, STATE_SIZE))
-    state[:, 3:6] = position
-    values: dict[str, Any] = {
-        "base_pos_w": position,
-        "base_quat": upright,
-        "base_linvel_w": np.zeros((num_envs, 3)),
-        "base_angvel_b": np.zeros((num_envs, 3)),
-        "joint_pos": np.zeros((num_envs, 10)),
-        "joint_vel": np.zeros((num_envs, 10)),
-        "torque": np.zeros((num_envs, 10)),
-        "body_contact": np.zeros(num_envs, dtype=bool),
-        "terrain": empty_terrain(num_envs, 4),
-        "ground_height": np.zeros(num_envs),
-        "state": state,
-        "reference": state.copy(),
-        "reference_quat": upright.copy(),
-        "deviation": np.zeros(num_envs),
-        "latent": np.zeros((num_envs, 2)),
-        "phase": np.zeros(num_envs, dtype=int),
-        "period": np.full(num_envs, 30),
-    }
-    values |= fields
-    values.setdefault("base_linvel_b", quat_rotate_inverse(values["base_quat"], values["base_linvel_w"]))
-    return EnvView(**values)
+from ogmp_sb3.view import deviation
 
 
 def one_hot(name: str, value: float) -> np.ndarray:

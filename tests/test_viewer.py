@@ -18,8 +18,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from players import flat, still_player
 from programs import program
-from test_player import flat, still_player
 
 from ogmp_sb3.config import load_task
 from ogmp_sb3.player import Player
