@@ -54,7 +54,11 @@ HELP = cli.usage(
 
 
 def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
-    """What stands where in an observation: term, name, slice, unit, and the typical size of the quantity."""
+    """What stands where in an observation: term, name, slice, unit, and the typical size of the quantity.
+
+    :param env: of the task
+    :return: one mapping of plain data for each quantity, in the order of the observation
+    """
     view, components, start = env.view(), [], 0
     for term, given in env.task.observations.items():
         if given is None:
@@ -72,7 +76,10 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
 
 
 def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
-    """The content of ``controller.json``, but for the checksums of the files beside it."""
+    """The content of ``controller.json``, but for the checksums of the files beside it.
+
+    :param env: of the policy's task
+    """
     task, sim, lstm = loaded.task, env.sim, loaded.policy.lstm_actor
     limited = sim.model.actuator_forcelimited[sim.actuators]
     limits = sim.model.actuator_forcerange[sim.actuators, 1]

@@ -107,7 +107,9 @@ def free_parameters(task: TaskConfig, mode: str) -> list[str]:
 def default_grids(task: TaskConfig, trained: TaskConfig, cells: int = CELLS) -> list[Grid]:
     """A grid for every mode with two ranges: over the first two.
 
-    The parameters are those of :func:`read_grid`.
+    The parameters are those of :func:`read_grid`, and so are the errors.
+
+    :return: none for a task without such a mode
     """
     grids = []
     for mode, ranges in task.mode_ranges.items():
@@ -121,6 +123,9 @@ def cell_task(task: TaskConfig, mode: str, cell: dict[str, Range]) -> TaskConfig
     """The task with other ranges of a mode's parameters, and no other mode where modes follow each other at random.
 
     There is room for all the terrain, however short the mode is then.
+
+    :param mode: one of the task's
+    :param cell: parameter -> range, one of :attr:`Grid.cells`
     """
     ranges = {**task.mode_ranges[mode], **cell}
     weights = {name: float(name == mode) for name in task.mode_ranges}

@@ -63,7 +63,11 @@ HELP = cli.usage(
 
 
 def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPolicy | None]:
-    """The task with the user's changes, and the policy if there is one."""
+    """The task with the user's changes, and the policy if there is one.
+
+    :raises KeyError: for an unknown policy, task, scene or key
+    :raises ValueError: for a file that cannot be read, or a value that is out of range
+    """
     policy = None
     if config.run is not None:
         loaded = load_policy(config.run, config.trust, config.task)
