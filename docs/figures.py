@@ -78,7 +78,7 @@ def draw_reported(names: set[str]) -> None:
 def draw_robustness() -> None:
     """How much of each disturbance parkour withstands."""
     with tempfile.TemporaryDirectory() as folder:
-        program("eval", "run=parkour", "robustness=true", "episodes=50", f"out={folder}")
+        program("evaluate", "run=parkour", "robustness=true", "episodes=50", f"out={folder}")
         shutil.copy(Path(folder) / ROBUSTNESS, IMAGES / ROBUSTNESS)
 
 
