@@ -130,19 +130,8 @@ def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[st
     return {group: evaluate(task, members) for group, members in sorted(groups.items())}
 
 
-def measure(
-    policy: LstmPolicy,
-    task: TaskConfig,
-    episodes: int,
-    seed: int,
-    max_distance: float | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Any]:
-    """Play episodes and sum them up as plain data: metrics, by group, median distance and causes of their ends.
-
-    The parameters are those of :func:`~ogmp_sb3.episodes.play_episodes`.
-    """
-    records = play_episodes(policy, task, episodes, seed, max_distance, progress)
+def measure(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Any]:
+    """Episodes summed up as plain data: metrics, by group, median distance and causes of their ends."""
     causes = [r.termination for r in records]
     return {
         "metrics": evaluate(task, records),

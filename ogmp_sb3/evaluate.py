@@ -14,7 +14,7 @@ from ogmp_sb3 import cli
 from ogmp_sb3.config import shown_path
 from ogmp_sb3.course import extent
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.episodes import evaluate_cell, measure
+from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import Grid, read_grid
 from ogmp_sb3.loading import LoadedPolicy, load_policy
@@ -105,9 +105,13 @@ def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
     return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, used)
 
 
-def protocol_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig) -> TaskConfig:
-    """The task under the protocol wanted, with the user's overrides. Raises as :func:`training_task`."""
-    task = training_task(loaded, overrides, config).for_evaluation()
+def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
+    """A task under the protocol wanted.
+
+    :param trained: of :func:`training_task`
+    :raises ValueError: if the protocol is not for such a task
+    """
+    task = trained.for_evaluation()
     if config.protocol == "endless":
         if extent(task).timed:
             raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")
@@ -132,7 +136,8 @@ def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     loaded = load_policy(config.run, config.trust, config.task)
-    task = protocol_task(loaded, overrides, config)
+    trained = training_task(loaded, overrides, config)
+    task = protocol_task(trained, config)
     out = Path(config.out) if config.out else default_out(config.run, loaded, "evaluation")
     report: dict[str, Any] = {
         "run": shown_path(loaded.path),
@@ -149,7 +154,7 @@ def _run(arguments: list[str]) -> None:
     if config.grid:
         _grid(read_grid(config.grid, task, loaded.task), loaded, task, config, report, out)
     elif config.robustness:
-        _robustness(disturbances(training_task(loaded, overrides, config)), loaded, task, config, report, out)
+        _robustness(disturbances(trained), loaded, task, config, report, out)
     elif config.epsilon:
         _epsilon(loaded, task, config, report, out)
     else:
@@ -159,7 +164,8 @@ def _run(arguments: list[str]) -> None:
 def _metrics(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path) -> None:
     episodes = config.episodes or EPISODES
     with progress_bar(episodes, "episode") as bar:
-        report |= measure(loaded.policy, task, episodes, config.seed, _distance(config), bar.update)
+        records = play_episodes(loaded.policy, task, episodes, config.seed, _distance(config), bar.update)
+    report |= measure(task, records)
     _save(report, out / "metrics.json")
     console = cli.console()
     show(f"{task.name}, {episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)

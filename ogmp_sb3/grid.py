@@ -59,7 +59,7 @@ def read_grid(text: str, task: TaskConfig, trained: TaskConfig, cells: int = CEL
     :raises KeyError: for an unknown mode or parameter
     """
     axes = [_axis(part, task, cells) for part in text.split(",")]
-    if len({axis[:2] for axis in axes}) != 2 or len(axes) != 2 or axes[0][0] != axes[1][0]:
+    if len(axes) != 2 or axes[0][0] != axes[1][0] or axes[0][1] == axes[1][1]:
         raise ValueError(f"'grid' needs two parameters of one mode, e.g. jump.w,jump.h; found '{text}'.")
     (mode, first, first_edges), (_, second, second_edges) = axes
     if not {first, second} <= set(free_parameters(task, mode)):

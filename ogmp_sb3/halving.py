@@ -17,7 +17,7 @@ import numpy as np
 from rich.table import Table
 
 from ogmp_sb3 import cli
-from ogmp_sb3.episodes import measure
+from ogmp_sb3.episodes import measure, play_episodes
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.results import Results
@@ -114,7 +114,7 @@ def _score(job: Run, episodes: int) -> list[float]:
     loaded = load_policy(job.path)
     task = loaded.task.for_evaluation()
     task = replace(task, evaluation=replace(task.evaluation, metrics=("return",)))
-    metrics = measure(loaded.policy, task, episodes, seed=0)["metrics"]
+    metrics = measure(task, play_episodes(loaded.policy, task, episodes, seed=0))["metrics"]
     return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
 
 

@@ -116,6 +116,14 @@ def copy_encoder(name_or_path: str, folder: Path) -> None:
         shutil.copy(source / name, folder / name)
 
 
+def changed_file(saved: Path, used: Path) -> str | None:
+    """The name of a file of an encoder that is not the same in another directory; None if all are."""
+    for file in saved.iterdir():
+        if not (used / file.name).is_file() or (used / file.name).read_bytes() != file.read_bytes():
+            return file.name
+    return None
+
+
 @numba.njit(cache=True, fastmath=True)
 def _encode(inputs, steps, wh1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
     rows, hidden, size = len(inputs), len(wh1), len(wh2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 import hashlib
 import json
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ from ogmp_sb3.checkpoints import (
 )
 from ogmp_sb3.config import PACKAGE, task_from_data, task_path
 from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.latent import encoder_dir
+from ogmp_sb3.latent import changed_file, encoder_dir
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import LstmPolicy, Network, policy_kwargs
 from ogmp_sb3.registry import did_you_mean
@@ -126,9 +125,7 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
 def _lasting(folder: Path) -> Path:
     """Where the encoder of a policy stays: in its run, if it is the same there, for checkpoints go while it trains."""
     run = folder.parent.parent if folder.parent.name == CHECKPOINTS else folder.parent
-    files = [file.name for file in (folder / ENCODER).iterdir()]
-    same = filecmp.cmpfiles(folder / ENCODER, run / ENCODER, files, shallow=False)[0]
-    return run if len(same) == len(files) else folder
+    return folder if changed_file(folder / ENCODER, run / ENCODER) else run
 
 
 def _imported(file: Path, trust: bool, task: str | None) -> LoadedPolicy:

@@ -54,8 +54,9 @@ class Subject:
         known = None if settings in self._results else self._evaluated(episodes, seed)
         if known or settings in self._results:
             progress(episodes)
+        policy, task = self.loaded.policy, self._test()
         return self._results.remember(  # type: ignore[no-any-return]
-            settings, lambda: known or measure(self.loaded.policy, self._test(), episodes, seed, progress=progress)
+            settings, lambda: known or measure(task, play_episodes(policy, task, episodes, seed, progress=progress))
         )
 
     def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:

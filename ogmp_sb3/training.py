@@ -16,7 +16,7 @@ from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.files import alone, reason
-from ogmp_sb3.latent import copy_encoder
+from ogmp_sb3.latent import changed_file, copy_encoder
 from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
@@ -160,6 +160,6 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
 
 def _check_encoder(used: Path, saved: Path) -> None:
     """:raises ValueError: if the encoder of a run is not that of its checkpoint, whose checksums hold."""
-    for file in saved.iterdir():
-        if not (used / file.name).is_file() or (used / file.name).read_bytes() != file.read_bytes():
-            raise ValueError(f"{used / file.name}: not the file that the run was trained with, which is {file}.")
+    name = changed_file(saved, used)
+    if name:
+        raise ValueError(f"{used / name}: not the file that the run was trained with, which is {saved / name}.")
