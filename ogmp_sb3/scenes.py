@@ -42,11 +42,12 @@ def task_for_test(
     :raises KeyError: for an unknown scene or key
     :raises ValueError: for a file that cannot be read, or an override that would change nothing
     """
-    for override in overrides:
-        key = override.partition("=")[0]
-        for name in {key, key.partition(".")[0]} & TRAINING_ONLY.keys() - set(used):
-            raise ValueError(f"{program}: '{key}' is for training alone; a test has {TRAINING_ONLY[name]}.")
     data = apply_overrides(copy.deepcopy(data), overrides, program)
+    for override in overrides:
+        key, _, text = override.partition("=")
+        leaves = {".".join(leaf) for leaf in _leaves([key], read_value(text))}
+        for name in ({key, key.partition(".")[0]} | leaves) & TRAINING_ONLY.keys() - set(used):
+            raise ValueError(f"{program}: '{name}' is for training alone; a test has {TRAINING_ONLY[name]}.")
     if scene is not None:
         _apply_scene(data, scene, overrides)
     return task_from_data(data, path)

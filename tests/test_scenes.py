@@ -38,6 +38,12 @@ def test_keys_for_training_alone_are_refused(key: str) -> None:
         parkour(f"{key}=null")
 
 
+def test_a_key_for_training_alone_is_refused_within_a_mapping_too() -> None:
+    with pytest.raises(ValueError, match=r"^test: 'track.length' is for training alone"):
+        parkour("track={width: 3.0, length: 20.0}")
+    assert parkour("track={width: 3.0}").track.width == 3.0
+
+
 def test_a_test_of_robustness_uses_the_disturbances_of_the_training() -> None:
     assert parkour("randomisation.mass=1.2", used=("randomisation",)).randomisation.mass == Range(1.2, 1.2)
 
