@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,8 +56,15 @@ class Run:
 
     @property
     def command(self) -> str:
-        """What was typed."""
-        return " ".join(["ogmp-train", *self.overrides])
+        """What was typed, as a shell reads it."""
+        return shlex.join(["ogmp-train", *self.overrides])
+
+    @property
+    def fingerprint(self) -> str:
+        """What tells a training from every other one; of its settings, all but those that may change on the way."""
+        train = {key: value for key, value in self.config.get("train", {}).items() if key not in RESUMABLE}
+        data = json.dumps([self.config.get("task"), train, self.config.get("versions")], sort_keys=True)
+        return hashlib.sha256(data.encode()).hexdigest()[:16]
 
     def final(self, column: str) -> float:
         """Mean of the last rows of a column of the log, nan if there is none."""
@@ -99,13 +109,16 @@ def read_run(path: Path) -> Run:
 
     :raises ValueError: if a file in it cannot be read
     """
-    overrides = _read_overrides(path / OVERRIDES)
     config = read_yaml(path / CONFIG) if (path / CONFIG).is_file() else {}
     for key in ("task", "train"):
         if key in config:
             entry(config, key, dict[str, Any], Where(str(path / CONFIG)))
     if "total_timesteps" in config.get("train", {}):
         entry(config["train"], "total_timesteps", int, Where(str(path / CONFIG), "train"))
+    if "overrides" in config:
+        overrides = entry(config, "overrides", tuple[str, ...], Where(str(path / CONFIG)))
+    else:  # not begun; what Hydra keeps is that of the last attempt
+        overrides = _read_overrides(path / OVERRIDES)
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
     problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
     return Run(path, overrides, config, log, _state(path, config, log), problem)

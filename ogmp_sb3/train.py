@@ -66,7 +66,7 @@ def _hydra_main(cfg: DictConfig) -> float:
         assert isinstance(plain, dict)
         values = {k: v for k, v in plain.items() if k not in ("task", *REPLACES_TASK)}
         config = read(TrainConfig, values, Where(PROGRAM))
-        return begin_or_go_on(task, task_data, config, run_dir)
+        return begin_or_go_on(task, task_data, config, run_dir, HydraConfig.get().overrides.task)
     except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
         return _failed(run_dir, ValueError(sentence(error)))
     except cli.MISTAKES as error:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import shlex
 import signal
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -30,13 +32,16 @@ LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth o
 RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
 
 
-def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path) -> float:
+def begin_or_go_on(
+    task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, overrides: Sequence[str] = ()
+) -> float:
     """Train in a directory that may hold this run already: unfinished it goes on, finished it is left alone.
 
     :param task: the task
     :param task_data: the same as plain data
     :param config: the run
     :param run_dir: where to write
+    :param overrides: the command line, for the files
     :return: mean return of the last episodes
     :raises ValueError: if the directory holds another run
     """
@@ -46,13 +51,13 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
             raise ValueError(
                 f"{run_dir}: has checkpoints, but no {CONFIG}. Choose another directory, or remove that one."
             )
-        return train(task, task_data, config, run_dir, resume=False)
+        return train(task, task_data, config, run_dir, False, overrides)
     data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
     wanted = {"task name": task.name, "task": task_data, "train": asdict(config)}
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
     if not begun:
-        return train(task, task_data, config, run_dir, resume=False)
+        return train(task, task_data, config, run_dir, False, overrides)
     checkpoint = latest_checkpoint(run_dir)
     if int(checkpoint.name) >= config.total_timesteps:
         print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
@@ -60,7 +65,7 @@ def begin_or_go_on(task: TaskConfig, task_data: dict[str, Any], config: TrainCon
         statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
         complete_best(run_dir, statistics.get("best_at", 0))
         return float(checkpoint_info(checkpoint).get("return", math.nan))
-    return train(task, task_data, config, run_dir, resume=True)
+    return train(task, task_data, config, run_dir, True, overrides)
 
 
 def _check_same(file: Path, found: dict[str, Any], wanted: dict[str, Any], key: str = "") -> None:
@@ -91,7 +96,14 @@ def run_config(run_dir: Path) -> dict[str, Any]:
     return data
 
 
-def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
+def train(
+    task: TaskConfig,
+    task_data: dict[str, Any],
+    config: TrainConfig,
+    run_dir: Path,
+    resume: bool,
+    overrides: Sequence[str] = (),
+) -> float:
     """Train a policy and leave everything in the run directory.
 
     :param task: the task
@@ -99,6 +111,7 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
     :param config: the run
     :param run_dir: where to write
     :param resume: go on from the latest checkpoint of ``run_dir``
+    :param overrides: the command line, for the files; if there is none, that of before stays
     :return: mean return of the last episodes
     :raises ValueError: if nothing can be written there, or a checkpoint to resume from is damaged
     """
@@ -107,12 +120,19 @@ def train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_
         run_dir.mkdir(parents=True, exist_ok=True)
         with alone(run_dir):
             tidy_run(run_dir)
-            return _train(task, task_data, config, run_dir, resume)
+            return _train(task, task_data, config, run_dir, resume, overrides)
     except OSError as error:
         raise ValueError(f"{error.filename or run_dir}: {reason(error)}.") from None
 
 
-def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, resume: bool) -> float:
+def _train(
+    task: TaskConfig,
+    task_data: dict[str, Any],
+    config: TrainConfig,
+    run_dir: Path,
+    resume: bool,
+    overrides: Sequence[str],
+) -> float:
     checkpoint = latest_checkpoint(run_dir) if resume else None
     if task.uses_latent and task.encoder:
         if checkpoint is None:
@@ -131,9 +151,9 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
     checkpoints.model = model
     if checkpoint is not None:
         checkpoints.restore(checkpoint)
-        write_yaml(run_dir / CONFIG, {**run_config(run_dir), "train": asdict(config)})
-    else:
-        write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config)})
+        origin = run_config(run_dir)
+    command = {"overrides": list(overrides)} if overrides else {}
+    write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
     if checkpoint is not None:
         print(f"resumed at step {model.num_timesteps}")
@@ -148,13 +168,13 @@ def _train(task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run
             checkpoints.save_last()
     except StopTraining:
         checkpoints.save_last()
-        print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train resume={run_dir}")
+        print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")
         raise SystemExit(130) from None
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
         model.logger.close()
-    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval run={run_dir}")
+    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
     return mean_return(model)
 
 

@@ -101,7 +101,7 @@ def test_a_setting_is_that_of_the_command_line_or_else_of_the_configuration(tmp_
     assert run.setting("nonsense") is None
     twice = read_run(make_run(tmp_path / "twice", ["rho=0.1", "rho=0.5", "task.rho=0.3", "task.horizon=7"]))
     assert (twice.setting("rho"), twice.setting("horizon")) == (0.5, 7)  # as in training
-    assert run.command == "ogmp-train task=parkour rho=null +task.horizon=15 task.bound={z:1}"
+    assert run.command == "ogmp-train task=parkour rho=null +task.horizon=15 'task.bound={z:1}'"
 
 
 def make_sweep(folder: Path, sweeper: str = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper") -> Path:

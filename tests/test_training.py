@@ -23,7 +23,7 @@ from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
 from ogmp_sb3.loading import load_policy
-from ogmp_sb3.runs import read_log
+from ogmp_sb3.runs import read_log, read_run
 from ogmp_sb3.storage import write_manifest
 from ogmp_sb3.training import run_config
 
@@ -50,6 +50,7 @@ def test_another_run_is_not_written_over(tmp_path: Path) -> None:
     done = program("train", *arguments, "rho=0.3", cwd=tmp_path)
     assert done.returncode == 2
     assert "holds another run: 'task.rho' is 0.2 there and 0.3 here" in done.stderr
+    assert "rho=0.2" in read_run(tmp_path / "run").overrides
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.safetensors")} == before
 
 
