@@ -7,23 +7,19 @@ none has a bound: training returns of different bounds cannot be compared.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
 from ogmp_sb3 import cli
-from ogmp_sb3.episodes import measure, play_episodes
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep
 from ogmp_sb3.schema import Where, read, read_value, read_yaml
-from ogmp_sb3.training import RESUMABLE
+from ogmp_sb3.subject import Subject
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
@@ -35,15 +31,18 @@ OWN = ("total_timesteps", "hydra.sweep.dir")  # keys that the search sets for ev
 def search(key: str, arguments: list[str], multirun: Callable[[list[str]], object]) -> None:
     """Run a search; one that was killed goes on with the same command.
 
-    :param key: what varies, e.g. ``rho``; a key of the task without ``task.``
+    :param key: what varies, e.g. ``rho``; a key of the task with or without ``task.``
     :param arguments: the command line without the search
     :param multirun: runs ``ogmp-train`` with a command line
     :raises ValueError: if there are no values to compare
     """
+    key = typed = plain_key(key)
     own: dict[str, str] = {}
-    rest = []
+    rest, task = [], ""
     for argument in arguments:
         name, sign, value = argument.partition("=")
+        typed = name if plain_key(name) == key else typed
+        task = Path(value).stem if name == "task" else task
         if not sign or plain_key(name) not in (key, *OWN):
             rest.append(argument)
         elif plain_key(name) in own:
@@ -55,11 +54,11 @@ def search(key: str, arguments: list[str], multirun: Callable[[list[str]], objec
     values = [_plain_value(key, value) for value in {**VALUES, **own}[key].split(",")]
     samples = _value("total_timesteps", own.get("total_timesteps", str(read_yaml(DEFAULTS)["total_timesteps"])))
     total = read(int, samples, Where("ogmp-train", "total_timesteps"))
-    folder = Path(own.get("hydra.sweep.dir", f"runs/search/{key}"))
+    folder = Path(own.get("hydra.sweep.dir", Path("runs", "search", key, task)))
     first: list[Run] = []
     for left in reversed(range(ROUNDS)):
         budget = total // 2**left
-        varied = f"{key}={','.join(values)}"
+        varied = f"{typed}={','.join(values)}"
         multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
         jobs = read_sweep(folder, asked=True)
         first = first or jobs
@@ -82,7 +81,7 @@ def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples:
         for job in jobs:
             if _word(job.setting(key)) == value:
                 name = job.path.relative_to(folder).as_posix()
-                settings = {"job": name, "run": _identity(job), "samples": samples, "episodes": EPISODES}
+                settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": EPISODES}
                 if settings not in known and _is_beyond(job, samples):
                     raise ValueError(
                         f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
@@ -95,13 +94,6 @@ def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples:
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
 
 
-def _identity(job: Run) -> str:
-    """What tells a training from another one in the same directory."""
-    train = {key: value for key, value in job.config.get("train", {}).items() if key not in RESUMABLE}
-    data = json.dumps([job.config.get("task"), train, job.config.get("versions")], sort_keys=True)
-    return hashlib.sha256(data.encode()).hexdigest()[:16]
-
-
 def _is_beyond(job: Run, samples: int) -> bool:
     """Whether a job has trained for far more samples than were asked for, which are rounded up to whole rollouts."""
     train = job.config.get("train", {})
@@ -111,10 +103,8 @@ def _is_beyond(job: Run, samples: int) -> bool:
 
 def _score(job: Run, episodes: int) -> list[float]:
     """The true objective, then the mean return, which tells apart those that reach nothing yet."""
-    loaded = load_policy(job.path)
-    task = loaded.task.for_evaluation()
-    task = replace(task, evaluation=replace(task.evaluation, metrics=("return",)))
-    metrics = measure(task, play_episodes(loaded.policy, task, episodes, seed=0))["metrics"]
+    subject = Subject(load_policy(job.path), [], job.path)
+    metrics = subject.evaluation(episodes, seed=0, progress=lambda _: None)["metrics"]
     return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
 
 

@@ -19,7 +19,7 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, i
     trained: list[tuple[str, int]] = []
 
     def multirun(arguments: list[str]) -> None:
-        given = dict(argument.partition("=")[::2] for argument in arguments)
+        given = dict(argument.removeprefix("task.").partition("=")[::2] for argument in arguments)
         for value in given["rho"].split(","):
             trained.append((value, int(given["total_timesteps"])))
             folder = tmp_path / "search" / f"rho={value}"
@@ -114,3 +114,15 @@ def test_a_value_without_a_job_is_a_sentence(tmp_path: Path) -> None:
 def test_a_key_with_its_prefix_is_the_same_key(played, tmp_path: Path) -> None:
     run(tmp_path, "task.rho=0.10,0.3")
     assert played[:2] == [("0.1", 100), ("0.3", 100)]
+
+
+def test_a_search_is_over_the_key_as_it_was_typed_in_a_directory_of_its_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def multirun(arguments: list[str]) -> None:
+        asked.extend(arguments)
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        halving.search("action.noise", ["task=tasks/dive.yaml", "task.action.noise=0.1,0.2"], multirun)
+    assert {"task.action.noise=0.1,0.2", f"hydra.sweep.dir={Path('runs/search/action.noise/dive')}"} <= set(asked)
