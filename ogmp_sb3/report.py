@@ -131,7 +131,7 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
         report_sweep.objectives(sweep, subjects, found, out),
         report_sweep.jobs(sweep, subjects, notes),
         report_sweep.evaluation(sweep, subjects, found, episodes, config.seed, out),
-        report_sweep.motion(sweep, subjects, config.seed, variants, out),
+        report_sweep.motion(sweep, subjects, found, config.seed, variants, out),
     ]
     return _write(out, folder.resolve().name, f"{len(sweep.jobs)} jobs over {', '.join(sweep.keys)}", sections)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from pathlib import Path
 from typing import Any
@@ -222,11 +221,9 @@ def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out:
         values = _values(subject.task, key)
         if not values:
             continue
-        traces = list(
-            itertools.chain.from_iterable(
-                subject.traces(1, seed, f"{key} = {value}", (f"{key}={value}",)) for value in values
-            )
-        )
+        traces = [
+            trace for value in values for trace in subject.traces(1, seed, f"{key} = {value}", (f"{key}={value}",))
+        ]
         ends = " The bound ends the episode." if key == "rho" else ""
         trained = shown(getattr(subject.loaded.task, key))
         caption = f"The same policy, trained with {key} = {trained}, under other values.{ends}"

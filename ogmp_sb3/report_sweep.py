@@ -26,7 +26,7 @@ from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
 OBJECTIVES = {SURROGATE: "return", TRUE: "true_objective"}  # names of their metrics
-MOST_TRACES = 6  # panels of a picture of motion traces
+MOST_TRACES = 10  # in a picture of motion traces; the ready sweep over rho has ten bounds
 
 Subjects = dict[Path, Subject]
 Evaluations = dict[Path, dict[str, Any]]
@@ -141,7 +141,7 @@ def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
     """Over rho, from where on a bound lets the robot stand still; None if that is not the same for all jobs."""
     if sweep.line_key != "rho":
         return None
-    return _common(standing_deviation(subject.task) for subject in subjects.values())  # type: ignore[no-any-return]
+    return _common(standing_deviation(subject.loaded.task) for subject in subjects.values())  # type: ignore[no-any-return]
 
 
 def _range(standing: tuple[float, float]) -> str:
@@ -167,7 +167,7 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
     for job in sweep.jobs:
         subject = subjects.get(job.path)
         samples = "none" if subject is None or subject.samples is None else f"{subject.samples:,}"
-        remarks = [standing_still(subject.task) if subject else None, notes.get(job.path)]
+        remarks = [standing_still(subject.loaded.task) if subject else None, notes.get(job.path)]
         returned = job.final(RETURN)
         rows.append([
             _label(job, sweep), job.state, f"{job.samples:,}", "" if np.isnan(returned) else f"{returned:.1f}", samples,
@@ -219,21 +219,27 @@ def _label(job: Run, sweep: Sweep) -> str:
     return describe(job, sweep.keys) or job.path.name
 
 
-def motion(sweep: Sweep, subjects: Subjects, seed: int, variants: list[str], out: Path) -> Section | None:
-    """Motion traces of the jobs' policies, a picture for each key that was swept."""
+def motion(
+    sweep: Sweep, subjects: Subjects, found: Evaluations, seed: int, variants: list[str], out: Path
+) -> Section | None:
+    """Motion traces of the jobs' policies, a picture for each key that was swept, where they came to the most."""
+
+    def reached(job: Run) -> float:
+        return float(found[job.path]["metrics"]["true_objective"]["mean"])
+
     parts: list[Table | Picture | Video] = []
     for key in variants:
-        found = alike([job for job in sweep.jobs if job.path in subjects], sweep.keys, key)
-        if key not in sweep.keys or not found:
+        policies = alike([job for job in sweep.jobs if job.path in subjects], sweep.keys, key, reached)
+        if key not in sweep.keys or not policies:
             continue
-        chosen = [found[i] for i in spread(len(found))]
+        chosen = [policies[i] for i in spread(len(policies))]
         traces = [trace for job in chosen for trace in subjects[job.path].traces(1, seed, _label(job, sweep))]
         others = describe(chosen[0], [other for other in sweep.keys if other != key])
         caption = f"Policies that differ in {key} alone, on the episode of seed {seed}."
         if others:
             caption += f" All have {others}."
-        if len(chosen) < len(found):
-            caption += f" Shown are {len(chosen)} of {len(found)} values."
+        if len(chosen) < len(policies):
+            caption += f" Shown are {len(chosen)} of {len(policies)} values."
         parts.append(traces_picture(out, f"traces_{key}", caption, traces))
     return Section("Motion", "", parts) if parts else None
 

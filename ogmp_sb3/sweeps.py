@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +50,7 @@ class Sweep:
 
 
 def sort_out(jobs: list[Run]) -> Sweep:
-    """Group the jobs of a sweep; those that were never started have no line.
+    """Group the jobs of a sweep; those that were never started have no line, and the same training counts once.
 
     Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key.
     """
@@ -64,7 +65,9 @@ def sort_out(jobs: list[Run]) -> Sweep:
             continue
         lines = groups.setdefault(describe(job, others), {})
         value = job.setting(line_key)
-        lines.setdefault(str(value), Line(value, [])).runs.append(job)
+        line = lines.setdefault(str(value), Line(value, []))
+        if job.fingerprint not in {other.fingerprint for other in line.runs}:
+            line.runs.append(job)
     panels = [
         Panel(title, sorted(lines.values(), key=lambda line: _order(line.value))) for title, lines in groups.items()
     ]
@@ -91,17 +94,19 @@ def brief(value: Any) -> str:
     return ", ".join(changes) or "unchanged"
 
 
-def alike(jobs: list[Run], keys: list[str], key: str) -> list[Run]:
+def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], float]) -> list[Run]:
     """One job for each value of a key, all with the same other values: those that most values of the key have.
 
     :param keys: the keys that the jobs differ in
+    :param score: of the other values that equally many have, those whose jobs have the best mean are taken
     """
     others = [other for other in keys if other != key]
     groups: dict[str, dict[str, Run]] = {}
     for job in jobs:
         groups.setdefault(describe(job, others), {}).setdefault(shown(job.setting(key)), job)
-    largest = max(groups.values(), key=len, default={})
-    return sorted(largest.values(), key=lambda job: _order(job.setting(key)))
+    found = [list(group.values()) for group in groups.values()]
+    best = max(found, key=lambda group: (len(group), np.mean([score(job) for job in group])), default=[])
+    return sorted(best, key=lambda job: _order(job.setting(key)))
 
 
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:

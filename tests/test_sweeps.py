@@ -16,7 +16,7 @@ from ogmp_sb3.sweeps import alike, brief, describe, mean_curve, shown, sort_out
 def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:
     overrides = tuple(f"{key}={shown(value)}" for key, value in settings.items())
     columns = {key: np.array(values, dtype=float) for key, values in (log or {}).items()}
-    return Run(Path("job"), overrides, {"task": {}} if state != "missing" else {}, columns, state)
+    return Run(Path("job"), overrides, {"task": settings} if state != "missing" else {}, columns, state)
 
 
 def test_lines_differ_in_rho_panels_in_the_rest_and_seeds_share_a_line() -> None:
@@ -67,12 +67,25 @@ def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
 def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
     pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
     jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
-    found = alike(jobs, ["oracle", "rho", "seed"], "rho")
+    found = alike(jobs, ["oracle", "rho", "seed"], "rho", lambda job: 0.0)
     assert [(j.setting("oracle"), j.setting("rho"), j.setting("seed")) for j in found] == [
         ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
     ]  # fmt: skip
-    assert [j.setting("oracle") for j in alike(jobs, ["oracle", "rho", "seed"], "oracle")] == ["lqr", "preview"]
-    assert alike([], ["rho"], "rho") == []
+    assert alike([], ["rho"], "rho", lambda job: 0.0) == []
+
+
+@pytest.mark.parametrize(("score", "rho"), [(1.0, 0.3), (-1.0, 0.1)])
+def test_of_jobs_that_are_alike_the_best_are_taken(score: float, rho: float) -> None:
+    jobs = [job(oracle=oracle, rho=r) for r in (0.1, 0.3) for oracle in ("lqr", "preview")]
+    jobs.append(job(oracle="lqr", rho=0.5))  # the best, and alone
+    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: score * job.setting("rho"))
+    assert [(j.setting("oracle"), j.setting("rho")) for j in found] == [("lqr", rho), ("preview", rho)]
+
+
+def test_the_same_training_in_two_directories_counts_once() -> None:
+    jobs = [job(rho=0.3, seed=0), job(rho=0.3, seed=0), job(rho=0.3, seed=1), job(rho=0.5, seed=0)]
+    lines = sort_out(jobs).panels[0].lines
+    assert [[run.setting("seed") for run in line.runs] for line in lines] == [[0, 1], [0]]
 
 
 def test_the_curve_of_one_run_is_its_log() -> None:
