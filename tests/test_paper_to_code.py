@@ -110,3 +110,14 @@ def test_a_training_composes_and_writes_where_its_report_reads(command: str) -> 
     if "+experiment=" in command:
         assert config.hydra.sweeper.params
         assert f"ogmp-report sweep={config.hydra.sweep.dir}" in TEXT
+
+
+def test_no_command_writes_over_the_files_of_another() -> None:
+    places: dict[tuple[str, str, str], list[str]] = {}
+    for command in (c for c in COMMANDS if not c.startswith("ogmp-train ")):
+        program, *arguments = shlex.split(command)
+        given = dict(argument.partition("=")[::2] for argument in arguments)
+        kind = next((name for name in ("grid", "robustness", "epsilon") if name in given), "")  # names the files
+        place = next((given[key] for key in ("out", "video", "run", "sweep") if key in given), command)
+        places.setdefault((program, place, kind), []).append(command)
+    assert [commands for commands in places.values() if len(commands) > 1] == []
