@@ -224,8 +224,8 @@ def motion(
 ) -> Section | None:
     """Motion traces of the jobs' policies, a picture for each key that was swept, where they came to the most."""
 
-    def reached(job: Run) -> float:
-        return float(found[job.path]["metrics"]["true_objective"]["mean"])
+    def reached(job: Run) -> list[float]:
+        return [found[job.path]["metrics"][name]["mean"] for name in ("true_objective", "return")]
 
     parts: list[Table | Picture | Video] = []
     for key in variants:

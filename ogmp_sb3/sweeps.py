@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,18 +94,19 @@ def brief(value: Any) -> str:
     return ", ".join(changes) or "unchanged"
 
 
-def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], float]) -> list[Run]:
+def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], Sequence[float]]) -> list[Run]:
     """One job for each value of a key, all with the same other values: those that most values of the key have.
 
     :param keys: the keys that the jobs differ in
-    :param score: of the other values that equally many have, those whose jobs have the best mean are taken
+    :param score: of the other values that equally many have, those whose jobs have the best mean are taken; what comes
+        first counts first
     """
     others = [other for other in keys if other != key]
     groups: dict[str, dict[str, Run]] = {}
     for job in jobs:
         groups.setdefault(describe(job, others), {}).setdefault(shown(job.setting(key)), job)
     found = [list(group.values()) for group in groups.values()]
-    best = max(found, key=lambda group: (len(group), np.mean([score(job) for job in group])), default=[])
+    best = max(found, key=lambda group: (len(group), *np.mean([score(job) for job in group], axis=0)), default=[])
     return sorted(best, key=lambda job: _order(job.setting(key)))
 
 

@@ -67,18 +67,18 @@ def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
 def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
     pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
     jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
-    found = alike(jobs, ["oracle", "rho", "seed"], "rho", lambda job: 0.0)
+    found = alike(jobs, ["oracle", "rho", "seed"], "rho", lambda job: [0.0])
     assert [(j.setting("oracle"), j.setting("rho"), j.setting("seed")) for j in found] == [
         ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
     ]  # fmt: skip
-    assert alike([], ["rho"], "rho", lambda job: 0.0) == []
+    assert alike([], ["rho"], "rho", lambda job: [0.0]) == []
 
 
 @pytest.mark.parametrize(("score", "rho"), [(1.0, 0.3), (-1.0, 0.1)])
 def test_of_jobs_that_are_alike_the_best_are_taken(score: float, rho: float) -> None:
     jobs = [job(oracle=oracle, rho=r) for r in (0.1, 0.3) for oracle in ("lqr", "preview")]
     jobs.append(job(oracle="lqr", rho=0.5))  # the best, and alone
-    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: score * job.setting("rho"))
+    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: [0.0, score * job.setting("rho")])
     assert [(j.setting("oracle"), j.setting("rho")) for j in found] == [("lqr", rho), ("preview", rho)]
 
 
