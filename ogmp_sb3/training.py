@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import shlex
 import signal
@@ -120,9 +121,11 @@ def train(
         run_dir.mkdir(parents=True, exist_ok=True)
         with alone(run_dir):
             tidy_run(run_dir)
-            return _train(task, task_data, config, run_dir, resume, overrides)
+            returned = _train(task, task_data, config, run_dir, resume, overrides)
     except OSError as error:
         raise ValueError(f"{error.filename or run_dir}: {reason(error)}.") from None
+    gc.collect()  # learner and environment refer to each other, and a sweep trains its next job in this process
+    return returned
 
 
 def _train(

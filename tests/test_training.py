@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import shutil
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,15 @@ from programs import SMALL, program
 from safetensors.torch import load_file
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.config import PACKAGE, task_from_data, task_path
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
 from ogmp_sb3.loading import load_policy
+from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.runs import read_log, read_run
+from ogmp_sb3.schema import Where, read, read_yaml
 from ogmp_sb3.storage import write_manifest
-from ogmp_sb3.training import run_config
+from ogmp_sb3.training import run_config, train
 
 CONF = PACKAGE / "conf"
 
@@ -52,6 +55,18 @@ def test_another_run_is_not_written_over(tmp_path: Path) -> None:
     assert "holds another run: 'task.rho' is 0.2 there and 0.3 here" in done.stderr
     assert "rho=0.2" in read_run(tmp_path / "run").overrides
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*.safetensors")} == before
+
+
+def test_a_training_leaves_no_environment_in_memory(tmp_path: Path) -> None:
+    data = read_yaml(CONF / "train.yaml")
+    settings = {key: data[key] for key in (field.name for field in fields(TrainConfig)) if key in data}
+    settings |= {"total_timesteps": 16, "num_envs": 1}
+    settings["ppo"] |= {"n_steps": 16, "batch_size": 16, "n_epochs": 1}
+    task_data = read_yaml(task_path("dive"))
+    before = sum(type(thing) is BatchEnv for thing in gc.get_objects())
+    config = read(TrainConfig, settings, Where("settings"))
+    train(task_from_data(task_data, task_path("dive")), task_data, config, tmp_path / "run", resume=False)
+    assert sum(type(thing) is BatchEnv for thing in gc.get_objects()) <= before
 
 
 def test_a_multirun_has_a_directory_by_default(tmp_path: Path) -> None:
