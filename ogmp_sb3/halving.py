@@ -19,7 +19,7 @@ from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep
 from ogmp_sb3.schema import Where, read, read_value, read_yaml
-from ogmp_sb3.subject import Subject
+from ogmp_sb3.subject import Subject, rank_key
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
@@ -102,10 +102,8 @@ def _is_beyond(job: Run, samples: int) -> bool:
 
 
 def _score(job: Run, episodes: int) -> list[float]:
-    """The true objective, then the mean return, which tells apart those that reach nothing yet."""
     subject = Subject(load_policy(job.path), [], job.path)
-    metrics = subject.evaluation(episodes, seed=0, progress=lambda _: None)["metrics"]
-    return [float(metrics[name]["mean"]) for name in ("true_objective", "return")]
+    return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None))
 
 
 def _plain_value(key: str, text: str) -> str:

@@ -20,7 +20,7 @@ from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.rewards import highest_reward
 from ogmp_sb3.runs import Run
-from ogmp_sb3.subject import Subject
+from ogmp_sb3.subject import Subject, rank_key
 from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
@@ -223,13 +223,10 @@ def motion(
     sweep: Sweep, subjects: Subjects, found: Evaluations, seed: int, variants: list[str], out: Path
 ) -> Section | None:
     """Motion traces of the jobs' policies, a picture for each key that was swept, where they came to the most."""
-
-    def reached(job: Run) -> list[float]:
-        return [found[job.path]["metrics"][name]["mean"] for name in ("true_objective", "return")]
-
     parts: list[Table | Picture | Video] = []
+    tested = [job for job in sweep.jobs if job.path in subjects]
     for key in variants:
-        policies = alike([job for job in sweep.jobs if job.path in subjects], sweep.keys, key, reached)
+        policies = alike(tested, sweep.keys, key, lambda job: rank_key(found[job.path]))
         if key not in sweep.keys or not policies:
             continue
         chosen = [policies[i] for i in spread(len(policies))]

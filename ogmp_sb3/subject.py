@@ -117,6 +117,14 @@ class Subject:
             return None
 
 
+def rank_key(evaluation: dict[str, Any]) -> list[float]:
+    """What policies are compared by: the true objective, then the return, which tells apart those that reach nothing.
+
+    :param evaluation: of :meth:`Subject.evaluation`
+    """
+    return [float(evaluation["metrics"][name]["mean"]) for name in ("true_objective", "return")]
+
+
 def _deciding(found: dict[str, str]) -> dict[str, str]:
     """Of the versions of packages, those that an evaluation depends on."""
     return {name: version for name, version in found.items() if name not in NOT_DECIDING}
