@@ -75,23 +75,23 @@ HELP = cli.usage(
 )
 
 
-def bench_learner(config: BenchConfig, task: TaskConfig) -> Numbers:
+def bench_learner(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
     """``train()`` on the same rollout: stock, ours with stock's gradients, ours with chunks."""
     recipe = default_ppo()
-    env = OgmpVecEnv(task, config.num_envs, seed=0)
+    env = OgmpVecEnv(task, num_envs, seed=0)
     learners = {
         "stock": _learner(StockRecurrentPPO, env, recipe, None),
         "exact": _learner(RecurrentPPO, env, recipe, None),
         "chunked": _learner(RecurrentPPO, env, recipe, FASTEST_CHUNK),
     }
     seconds: dict[str, list[float]] = {name: [] for name in learners}
-    for _ in range(config.repeats):
+    for _ in range(repeats):
         for name, learner in learners.items():
             _, callback = learner._setup_learn(10**9, reset_num_timesteps=False)
             learner.collect_rollouts(env, callback, learner.rollout_buffer, learner.n_steps)
             seconds[name].append(seconds_of(learner.train))
     each = {name: median(values) for name, values in seconds.items()}
-    samples = recipe.n_steps * config.num_envs
+    samples = recipe.n_steps * num_envs
     return {
         "learner_exact_over_stock": each["stock"] / each["exact"],
         "learner_over_stock": each["stock"] / each["chunked"],
@@ -116,17 +116,20 @@ def _learner(kind: type[StockRecurrentPPO], env: VecEnv, recipe: PPOConfig, chun
     return learner
 
 
-def bench_train(config: BenchConfig, task: TaskConfig) -> Numbers:
-    """Whole training against stock RecurrentPPO on a SubprocVecEnv of the same environment, same settings."""
+def bench_train(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numbers:
+    """Whole training against stock RecurrentPPO on a SubprocVecEnv of the same environment, same settings.
+
+    :param steps: samples of one repeat, in whole rollouts; 0: four rollouts
+    """
     recipe = default_ppo()
-    rollout = recipe.n_steps * config.num_envs
-    samples = max(config.steps or 4 * rollout, rollout) // rollout * rollout
-    ours_env = OgmpVecEnv(task, config.num_envs, seed=0)
+    rollout = recipe.n_steps * num_envs
+    samples = max(steps or 4 * rollout, rollout) // rollout * rollout
+    ours_env = OgmpVecEnv(task, num_envs, seed=0)
     ours = _learner(RecurrentPPO, ours_env, recipe, recipe.chunk_length)
-    with closing(stock_env(SubprocVecEnv, task, config.num_envs)) as theirs:
+    with closing(stock_env(SubprocVecEnv, task, num_envs)) as theirs:
         stock = _learner(StockRecurrentPPO, theirs, recipe, None)
         ours_rate, stock_rate = [], []
-        for _ in range(config.repeats):
+        for _ in range(repeats):
             ours_rate.append(samples / seconds_of(lambda: ours.learn(samples, reset_num_timesteps=False)))
             stock_rate.append(rollout / seconds_of(lambda: stock.learn(rollout, reset_num_timesteps=False)))
     return {
@@ -171,8 +174,10 @@ def _run(arguments: list[str]) -> None:
             numbers = bench_physics(task, None, config.num_envs, config.repeats)
         elif config.what == "sim":
             numbers = bench_sim(task, config.num_envs, config.steps or 150, config.repeats)
+        elif config.what == "learner":
+            numbers = bench_learner(task, config.num_envs, config.repeats)
         else:
-            numbers = {"learner": bench_learner, "train": bench_train}[config.what](config, task)
+            numbers = bench_train(task, config.num_envs, config.steps, config.repeats)
     table = Table(title=f"{PROGRAM} {config.what}, {platform.processor() or platform.machine()}", title_justify="left")
     table.add_column("what")
     table.add_column("value", justify="right")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.sim import Simulation, build_model
 from ogmp_sb3.terrain import geom_boxes
 
@@ -47,11 +47,11 @@ class Outcome:
     """mean horizontal speed of contact points of the robot, m/s"""
 
 
-def record_windows(task: TaskConfig, policy: LstmPolicy | None, num_envs: int = 16) -> list[Window]:
+def record_windows(task: TaskConfig, policy: Policy | None, num_envs: int = 16) -> list[Window]:
     """Windows of a run in which no episode ends, of a policy or of exploration noise."""
     env = BatchEnv(task, num_envs, seed=0)
     rng = np.random.default_rng(0)
-    observation, memory, starts = env.reset(), None, np.ones(num_envs, dtype=bool)
+    observation, actor = env.reset(), None if policy is None else Actor(policy, num_envs)
     found: list[Window] = []
     open_windows: list[tuple[int, np.ndarray, np.ndarray, list[np.ndarray]]] = []
     for step in range(100_000):
@@ -62,18 +62,19 @@ def record_windows(task: TaskConfig, policy: LstmPolicy | None, num_envs: int = 
             open_windows = [
                 (row, env.sim.batch.state[row].copy(), env.terrain[row].copy(), []) for row in range(num_envs)
             ]
-        if policy is None:
+        if actor is None:
             action = task.action.noise / task.action.scale * rng.standard_normal((num_envs, env.action_size))
         else:
-            action, memory = policy.predict(observation, memory, starts, deterministic=True)
+            action = actor.act(observation)
         result = env.step(action)
         for row, _, _, commands in open_windows:
             commands.append(env.sim.ctrl[row].copy())
-        observation, starts = result.observation, result.terminated | result.truncated
-        ended = np.flatnonzero(starts)
+        observation, ended = result.observation, np.flatnonzero(result.terminated | result.truncated)
         open_windows = [window for window in open_windows if window[0] not in ended]
         if len(ended):
             observation[ended] = env.reset(ended)
+            if actor is not None:
+                actor.restart(ended)
     return found[:WINDOWS]
 
 
@@ -111,7 +112,7 @@ def _replay_one(model: mujoco.MjModel, data: mujoco.MjData, boxes: slice, window
     return Outcome(data.qpos[:3].copy(), float(data.energy.sum()), penetration, slip)
 
 
-def bench_physics(task: TaskConfig, policy: LstmPolicy | None, num_envs: int, repeats: int) -> dict[str, float]:
+def bench_physics(task: TaskConfig, policy: Policy | None, num_envs: int, repeats: int) -> dict[str, float]:
     """Errors of each physics step against 0.5 ms over 0.3 s, and its cost relative to the task's own."""
     windows = record_windows(task, policy)
     reference = replay(task, windows, REFERENCE_DT)

@@ -11,12 +11,13 @@ from rich.table import Table
 
 from ogmp_sb3 import cli, registry
 from ogmp_sb3.config import load_task
-from ogmp_sb3.course import standing_deviation
+from ogmp_sb3.course import standing_still
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.plans import make_oracle
 from ogmp_sb3.plotting import plot_references
+from ogmp_sb3.plugins import load_plugins
 from ogmp_sb3.randomisation import PushConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
@@ -137,22 +138,6 @@ def stance(found: Stand) -> str:
     return f"base at {found.height:.2f} m, tilted {np.degrees(found.tilt):.0f}°, {feet}"
 
 
-def standing_still(task: TaskConfig) -> str | None:
-    """A sentence on whether the bound allows a robot to stand still; None where the question does not arise."""
-    found = standing_deviation(task)
-    if found is None:
-        return None
-    low, high = (f"{value:.2f}" for value in found)
-    length = f"{low} m" if low == high else f"{low} to {high} m"
-    if task.rho is None or task.rho >= found[1]:
-        verdict = "stays inside the bound"
-    elif task.rho >= found[0]:
-        verdict = "stays inside the bound in the slowest modes"
-    else:
-        verdict = "leaves the bound"
-    return f"v * horizon * control_dt = {length}, {verdict}"
-
-
 def _names(terms: dict[str, dict[str, object] | None]) -> str:
     return ", ".join(name for name, given in terms.items() if given is not None)
 
@@ -190,7 +175,7 @@ def _check(task: TaskConfig, out: str | None, console: Console) -> None:
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
     for kind in registry.KINDS:
         known.add_row(f"{kind.kind}s", ", ".join(f"{n}({', '.join(kind.parameters(n))})" for n in kind.names()))
-    for plugin in registry.load_plugins():
+    for plugin in load_plugins():
         state = plugin.version if plugin.error is None else f"{plugin.version}, broken: {plugin.error}"
         known.add_row(f"plug-in {plugin.name}", f"{plugin.distribution} {state}")
     console.print(known)

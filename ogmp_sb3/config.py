@@ -9,8 +9,9 @@ from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3 import registry
 from ogmp_sb3.definitions import TaskConfig, Terms
+from ogmp_sb3.plugins import broken_plugins, load_plugins
 from ogmp_sb3.ranges import ModeRanges
-from ogmp_sb3.registry import Registry, broken_plugins, did_you_mean, load_plugins
+from ogmp_sb3.registry import Registry, did_you_mean
 from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.schema import Where, apply_overrides, read, read_yaml
 from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES

@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogmp_sb3 import snapshots
 from ogmp_sb3.definitions import MAX_BOXES, TaskConfig
 from ogmp_sb3.modes import Segment
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
-from ogmp_sb3.sampling import ModeCall, ModeSampler, PlainModes, corner_segments, mode_calls, plain_modes
+from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
 from ogmp_sb3.terrain import Plateau, empty_terrain, place
 
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
@@ -119,20 +118,8 @@ class Course:
                 return call
         return self.modes[row][0]
 
-    def state(self) -> tuple[dict[str, np.ndarray], list[PlainModes]]:
-        """Everything laid so far: arrays, and the modes as plain data. Commands are not part of it."""
-        return snapshots.take(self.arrays(), "course."), [plain_modes(calls) for calls in self.modes]
-
-    def set_state(self, arrays: dict[str, np.ndarray], modes: list[PlainModes]) -> None:
-        """Go on where :meth:`state` was taken.
-
-        :raises ValueError: if the state is of another task or number of environments
-        """
-        snapshots.put_back(self.arrays(), arrays, "course.")
-        self.modes = [mode_calls(calls) for calls in modes]
-
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything laid so far but the modes, one row each; what is written into them is laid."""
+        """Everything laid so far but :attr:`modes`, one row each; what is written into them is laid."""
         return {name: getattr(self, name) for name in ("terrain", "spans", "_span_count", "_laid", "_mode_count")}
 
     def _next_mode(self, row: int, rng: np.random.Generator, level: float) -> ModeCall:
@@ -178,6 +165,22 @@ def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
     speeds = [span.velocity[0] for segment in corner_segments(task) for span in segment.spans]
     duration = task.horizon * task.control_dt
     return weight * min(speeds) * duration, weight * max(speeds) * duration
+
+
+def standing_still(task: TaskConfig) -> str | None:
+    """A sentence on whether the bound allows a robot to stand still; None where the question does not arise."""
+    found = standing_deviation(task)
+    if found is None:
+        return None
+    low, high = (f"{value:.2f}" for value in found)
+    length = f"{low} m" if low == high else f"{low} to {high} m"
+    if task.rho is None or task.rho >= found[1]:
+        verdict = "stays inside the bound"
+    elif task.rho >= found[0]:
+        verdict = "stays inside the bound in the slowest modes"
+    else:
+        verdict = "leaves the bound"
+    return f"v * horizon * control_dt = {length}, {verdict}"
 
 
 def _steps(task: TaskConfig, segment: Segment) -> int:

@@ -251,11 +251,15 @@ class BatchEnv:
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that the next steps depend on but commands: arrays, and plain data (generators, modes drawn so far)."""
-        arrays, modes = self.course.state()
-        arrays |= snapshots.take(self._own_arrays()) | snapshots.take(self.plans.arrays(), "plans.")
-        plain = {"generators": [generator.bit_generator.state for generator in self._rng], "modes": modes}
-        for part in (self.disturbances, self.restarts):
-            own_arrays, own_plain = part.state()
+        arrays = snapshots.take(self._own_arrays())
+        for name, part in self._parts().items():
+            arrays |= snapshots.take(part.arrays(), name)
+        plain: dict[str, Any] = {
+            "generators": [generator.bit_generator.state for generator in self._rng],
+            "modes": [plain_modes(calls) for calls in self.modes],
+        }
+        for drawn in (self.disturbances, self.restarts):
+            own_arrays, own_plain = drawn.state()
             arrays, plain = arrays | own_arrays, plain | own_plain
         return arrays, plain
 
@@ -264,8 +268,9 @@ class BatchEnv:
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        snapshots.put_back(self.plans.arrays(), arrays, "plans.")
-        self.course.set_state(arrays, plain["modes"])
+        for name, part in self._parts().items():
+            snapshots.put_back(part.arrays(), arrays, name)
+        self.course.modes = [mode_calls(calls) for calls in plain["modes"]]
         self.disturbances.set_state(arrays, plain)
         self.restarts.set_state(arrays, plain)
         every = np.arange(self.num_envs)
@@ -275,6 +280,10 @@ class BatchEnv:
         snapshots.put_back(self._own_arrays(), arrays)
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
+
+    def _parts(self) -> dict[str, Course | Plans]:
+        """What lives in arrays, by the prefix of their names in a saved state."""
+        return {"course.": self.course, "plans.": self.plans}
 
     def _own_arrays(self) -> dict[str, np.ndarray]:
         return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.batch.state}

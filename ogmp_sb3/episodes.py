@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3 import registry
+from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.grid import cell_task
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.srb import POS, VEL
 from ogmp_sb3.view import EnvView
@@ -22,7 +22,7 @@ BATCH = 128  # episodes played together
 
 
 def play_episodes(
-    policy: LstmPolicy,
+    policy: Policy,
     task: TaskConfig,
     episodes: int,
     seed: int,
@@ -46,7 +46,7 @@ def play_episodes(
 
 
 def play_batch(
-    policy: LstmPolicy, env: BatchEnv, max_distance: float | None, progress: Callable[[int], None]
+    policy: Policy, env: BatchEnv, max_distance: float | None, progress: Callable[[int], None]
 ) -> list[EpisodeRecord]:
     """Play one episode in each environment; the parameters are those of :func:`play_episodes`."""
     observation = env.reset()
@@ -54,14 +54,12 @@ def play_batch(
     steps: list[dict[str, np.ndarray]] = [_snapshot(env, env.view(), np.zeros(env.num_envs))]
     ended = np.full(env.num_envs, "", dtype=object)
     length = np.zeros(env.num_envs, dtype=int)
-    state, starts = None, np.ones(env.num_envs, dtype=bool)
+    actor = Actor(policy, env.num_envs)
     while True:
         alive = np.flatnonzero(ended == "")
         if not len(alive):
             break
-        action, state = policy.predict(observation, state, starts, deterministic=True)
-        starts = np.zeros(env.num_envs, dtype=bool)
-        result = env.step(action, alive)
+        result = env.step(actor.act(observation), alive)
         observation = result.observation
         steps.append(_snapshot(env, result.view, result.reward))
         length[alive] += result.termination[alive] != UNSTABLE
@@ -142,7 +140,7 @@ def measure(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Any]:
 
 
 def evaluate_cell(
-    policy: LstmPolicy,
+    policy: Policy,
     task: TaskConfig,
     mode: str,
     cell: dict[str, Range],

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.agent import Policy
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import TIME_LIMIT, BatchEnv, StepResult
 from ogmp_sb3.episodes import BATCH, play_batch
 from ogmp_sb3.plans import Plans, make_oracle
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.reference import Reference, SetPoints
 from ogmp_sb3.view import EnvView, deviation
 
@@ -80,7 +80,7 @@ class ShadowedEnv(BatchEnv):
 
 
 def estimate_epsilon(
-    policy: LstmPolicy, task: TaskConfig, episodes: int, seed: int, progress: Callable[[int], None]
+    policy: Policy, task: TaskConfig, episodes: int, seed: int, progress: Callable[[int], None]
 ) -> dict[str, Any]:
     """Median, 95th percentile and greatest deviation from each oracle in each mode, over whole episodes.
 

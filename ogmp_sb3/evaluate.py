@@ -138,7 +138,7 @@ def _run(arguments: list[str]) -> None:
     loaded = load_policy(config.run, config.trust, config.task)
     trained = training_task(loaded, overrides, config)
     task = protocol_task(trained, config)
-    out = Path(config.out) if config.out else default_out(config.run, loaded, "evaluation")
+    out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
     report: dict[str, Any] = {
         "run": shown_path(loaded.path),
         "policy": loaded.digest,

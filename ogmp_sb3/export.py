@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ogmp_sb3 import cli, registry
+from ogmp_sb3.agent import Actor
 from ogmp_sb3.config import PACKAGE
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.env import BatchEnv
@@ -142,19 +143,20 @@ def parity(loaded: LoadedPolicy, env: BatchEnv, controller: Controller) -> tuple
     :param env: one environment
     :return: the greatest difference of an action, and the time of each step of the controller, s
     """
-    observation, state, start = env.reset(), None, np.ones(1, dtype=bool)
+    observation, actor = env.reset(), Actor(loaded.policy, num_envs=1)
     controller.reset()
     difference, seconds = 0.0, np.zeros(PARITY_STEPS)
     for k in range(PARITY_STEPS):
-        action, state = loaded.policy.predict(observation, state, start, deterministic=True)
+        action = actor.act(observation)
         began = time.perf_counter()
         exported = controller.act(observation[0])
         seconds[k] = time.perf_counter() - began
         difference = max(difference, float(np.abs(exported - action[0]).max()))
         result = env.step(action)
-        observation, start = result.observation, result.terminated | result.truncated
-        if start[0]:
+        observation = result.observation
+        if result.terminated[0] or result.truncated[0]:
             observation = env.reset()
+            actor.restart()
             controller.reset()
     return difference, seconds
 

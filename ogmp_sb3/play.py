@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ogmp_sb3 import cli
+from ogmp_sb3.agent import Policy
 from ogmp_sb3.config import task_path
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.loading import load_policy
+from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.player import Player
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.scenes import SHOWN, task_for_test
 from ogmp_sb3.schema import read_yaml
-from ogmp_sb3.video import check_suffix, write_video
+from ogmp_sb3.video import check_suffix, picture_count, write_video
 from ogmp_sb3.viewer import Viewer
 
 PROGRAM = "ogmp-play"
@@ -62,7 +63,7 @@ HELP = cli.usage(
 )
 
 
-def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, LstmPolicy | None]:
+def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy | None]:
     """The task with the user's changes, and the policy if there is one.
 
     :raises KeyError: for an unknown policy, task, scene or key
@@ -95,7 +96,9 @@ def _run(arguments: list[str]) -> None:
     player = load_player(overrides)
     gl_library()  # before a long play
     steps = max(1, round(config.seconds / player.task.control_dt))
-    write_video([player.frame, *(player.step() for _ in range(steps))], player.task, path)
+    frames = [player.frame, *(player.step() for _ in range(steps))]
+    with progress_bar(picture_count(len(frames), path), "picture") as bar:
+        write_video(frames, player.task, path, bar.update)
     cli.console().print(str(path))
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.drawing import scene_of
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.sampling import ModeCall, draw_parameters
@@ -49,8 +49,9 @@ class Player:
     :raises ValueError: if the policy does not fit the task
     """
 
-    def __init__(self, task: TaskConfig, policy: LstmPolicy | None, seed: int = 0) -> None:
+    def __init__(self, task: TaskConfig, policy: Policy | None, seed: int = 0) -> None:
         self.task, self.policy = task, policy
+        self._actor = None if policy is None else Actor(policy, 1)
         if policy is None:
             unobserved = replace(endless(task), terminations={}, observations={"clock": {}})
             self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1)
@@ -76,7 +77,8 @@ class Player:
         if seed is not None:
             self.env.seed(seed)
         self._observation = self.env.reset()
-        self._lstm_state: tuple[np.ndarray, ...] | None = None
+        if self._actor is not None:
+            self._actor.restart()
         self.frame = self._frame(self.env.view(), None, 0.0, "")
         return self.frame
 
@@ -85,11 +87,8 @@ class Player:
         if self.frame.ended:
             return self.reset()
         action = np.zeros((1, self.env.action_size))
-        if self.policy is not None:
-            start = np.array([self._lstm_state is None])
-            action, self._lstm_state = self.policy.predict(
-                self._observation, self._lstm_state, start, deterministic=True
-            )
+        if self._actor is not None:
+            action = self._actor.act(self._observation)
         result = self.env.step(action)
         self._observation = result.observation
         self.frame = self._frame(result.view, self.frame, float(result.reward[0]), str(result.termination[0]))

@@ -2,7 +2,7 @@
 
 A plug-in is an entry point of the group ``ogmp_sb3.plugins``, and names a module. Importing the module registers
 functions (:mod:`ogmp_sb3.registry`); ``tasks/<name>.yaml`` and ``robots/<name>/robot.yaml`` beside it are found by
-name. :func:`ogmp_sb3.registry.load_plugins` loads all of them, when something is named that does not ship.
+name. :func:`load_plugins` loads all of them, when something is named that does not ship.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
+from ogmp_sb3 import registry
+from ogmp_sb3.registry import KINDS, NameTaken
+
 GROUP = "ogmp_sb3.plugins"
 FILES = ("tasks/*.yaml", "robots/*/robot.yaml")  # what is found by name
 SHIPPED = Path(__file__).parent
-
-
-class NameTaken(ValueError):
-    """Two packages give one name to different things."""
 
 
 @dataclass(frozen=True)
@@ -77,3 +76,50 @@ def _check_files(folder: Path, taken: Iterable[Path]) -> None:
             for other in (path / file.relative_to(folder) for path in taken if path != folder):
                 if other.is_file():
                     raise NameTaken(f"{file} has the name of {other}.")
+
+
+_plugins: list[Plugin] | None = None  # None: not looked for yet
+
+
+def load_plugins() -> list[Plugin]:
+    """Import every installed plug-in, once. Of a broken one nothing stays registered.
+
+    :raises NameTaken: if one wants a name that is taken
+    """
+    global _plugins
+    if _plugins is None:
+        _plugins = []  # before the first is loaded, for it may look names up
+        try:
+            for entry in installed():
+                _plugins.append(_load(entry, [SHIPPED, *(p.folder for p in _plugins if p.folder)]))
+        except NameTaken:
+            _plugins = None
+            raise
+    return _plugins
+
+
+def _load(entry: EntryPoint, folders: list[Path]) -> Plugin:
+    before = [dict(kind._functions) for kind in KINDS]
+    try:
+        return load(entry, folders)
+    except Exception as error:
+        for kind, functions in zip(KINDS, before, strict=True):
+            kind._functions = functions
+        plugin = describe(entry, error=error)
+        if isinstance(error, NameTaken):
+            raise NameTaken(f"{plugin}: {error}") from None
+        return plugin
+
+
+def loaded_plugins() -> list[Plugin]:
+    """The plug-ins that are loaded now."""
+    return [plugin for plugin in _plugins or [] if not plugin.error]
+
+
+def broken_plugins() -> str:
+    """Why a name may be unknown, as sentences; empty if no plug-in is broken."""
+    broken = (plugin for plugin in load_plugins() if plugin.error)
+    return "".join(f" And {plugin} is broken ({plugin.error})." for plugin in broken)
+
+
+registry.set_loader(broken_plugins)

@@ -10,7 +10,7 @@ from importlib import metadata
 from typing import Any
 
 from ogmp_sb3.config import PACKAGE
-from ogmp_sb3.registry import loaded_plugins
+from ogmp_sb3.plugins import loaded_plugins
 from ogmp_sb3.schema import Where, read, read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")

@@ -4,7 +4,7 @@ A registered function's signature is the schema of its YAML parameters: paramete
 required, the others are optional, and anything else is an error with the closest match.
 
 Plug-ins are loaded when a name is looked up that is not registered, or all names are asked for: where only what
-ships is named, none is.
+ships is named, none is. :mod:`ogmp_sb3.plugins` says how (:func:`set_loader`).
 """
 
 from __future__ import annotations
@@ -13,13 +13,9 @@ import difflib
 import inspect
 import typing
 from collections.abc import Callable, Iterable
-from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ogmp_sb3 import plugins
-from ogmp_sb3.plugins import NameTaken, Plugin
-
+Loader = Callable[[], str]
 T = TypeVar("T", bound=Callable[..., Any])
 F = TypeVar("F", bound=Callable[..., Any])  # what is registered keeps its own type
 
@@ -35,6 +31,10 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     text = f" (allowed: {', '.join(names) if names else 'none'})."
     close = difflib.get_close_matches(str(name), names, n=1)
     return f"{text} Did you mean '{close[0]}'?" if close else text
+
+
+class NameTaken(ValueError):
+    """Two packages give one name to different things."""
 
 
 class Registry(Generic[T]):
@@ -74,15 +74,14 @@ class Registry(Generic[T]):
 
         :raises KeyError: if nothing is registered under it, by plug-ins neither
         """
+        broken = "" if name in self._functions else _load_more()
         if name not in self._functions:
-            load_plugins()
-        if name not in self._functions:
-            raise KeyError(f"unknown {self.kind} {name!r}{did_you_mean(name, self._functions)}{broken_plugins()}")
+            raise KeyError(f"unknown {self.kind} {name!r}{did_you_mean(name, self._functions)}{broken}")
         return self._functions[name]
 
     def names(self) -> list[str]:
         """All names, those of plug-ins too, sorted."""
-        load_plugins()
+        _load_more()
         return sorted(self._functions)
 
     def parameters(self, name: str) -> dict[str, inspect.Parameter]:
@@ -117,45 +116,13 @@ objectives: Registry[Any] = Registry("objective", arguments=1)
 
 KINDS = (modes, oracles, observations, rewards, terminations, metrics, objectives)
 
-_plugins: list[Plugin] | None = None  # None: not looked for yet
+_load_more: Loader = str  # nothing to load, nothing to say
 
 
-def load_plugins() -> list[Plugin]:
-    """Import every installed plug-in, once. Of a broken one nothing stays registered.
+def set_loader(load: Loader) -> None:
+    """Say how names that are not registered may be found.
 
-    :raises NameTaken: if one wants a name that is taken
+    :param load: registers all that is installed, and returns sentences on what is broken, or nothing
     """
-    global _plugins
-    if _plugins is None:
-        _plugins = []  # before the first is loaded, for it may look names up
-        try:
-            for entry in plugins.installed():
-                _plugins.append(_load(entry, [plugins.SHIPPED, *(p.folder for p in _plugins if p.folder)]))
-        except NameTaken:
-            _plugins = None
-            raise
-    return _plugins
-
-
-def _load(entry: EntryPoint, folders: list[Path]) -> Plugin:
-    before = [dict(kind._functions) for kind in KINDS]
-    try:
-        return plugins.load(entry, folders)
-    except Exception as error:
-        for kind, functions in zip(KINDS, before, strict=True):
-            kind._functions = functions
-        plugin = plugins.describe(entry, error=error)
-        if isinstance(error, NameTaken):
-            raise NameTaken(f"{plugin}: {error}") from None
-        return plugin
-
-
-def loaded_plugins() -> list[Plugin]:
-    """The plug-ins that are loaded now."""
-    return [plugin for plugin in _plugins or [] if not plugin.error]
-
-
-def broken_plugins() -> str:
-    """Why a name may be unknown, as sentences; empty if no plug-in is broken."""
-    broken = (plugin for plugin in load_plugins() if plugin.error)
-    return "".join(f" And {plugin} is broken ({plugin.error})." for plugin in broken)
+    global _load_more
+    _load_more = load

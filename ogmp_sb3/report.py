@@ -97,7 +97,7 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
     loaded, home = load_policy(name, config.trust, config.task), owner(name)
     run = read_run(home) if home and (home / CONFIG).is_file() else None
-    out = Path(config.out) if config.out else default_out(name, loaded, "report")
+    out = Path(config.out) if config.out else default_out(name, loaded.name, "report")
     subject = Subject(loaded, overrides, home or out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [

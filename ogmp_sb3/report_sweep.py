@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.check import standing_still
-from ogmp_sb3.course import standing_deviation
+from ogmp_sb3.course import standing_deviation, standing_still
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import progress_bar

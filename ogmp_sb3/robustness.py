@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.agent import Policy
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.metrics import Summary, no_fall_fraction, summarise
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.randomisation import MAX_LATENCY, PushConfig, RandomisationConfig
 from ogmp_sb3.ranges import Range
 from ogmp_sb3.sim import build_model
@@ -102,7 +102,7 @@ def episode_sets(found: list[Disturbance]) -> int:
 
 def play_disturbed(
     found: list[Disturbance],
-    policy: LstmPolicy,
+    policy: Policy,
     task: TaskConfig,
     episodes: int,
     seed: int,

@@ -19,7 +19,6 @@ from omegaconf import OmegaConf
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.files import occupied
-from ogmp_sb3.loading import LoadedPolicy
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
 from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
@@ -95,13 +94,15 @@ def owner(run: str) -> Path | None:
     return next((path for path in (folder, *folder.parents[:2]) if (path / CONFIG).is_file()), folder)
 
 
-def default_out(run: str, loaded: LoadedPolicy, kind: str) -> Path:
+def default_out(run: str, name: str, kind: str) -> Path:
     """Where results go that no directory is named for: not beside a policy that is replaced in time.
 
+    :param run: what the policy was loaded from
+    :param name: of the policy
     :param kind: of results: ``evaluation`` or ``report``
     """
     folder = owner(run)
-    return Path(kind) / loaded.name if folder is None else folder / kind / Path(run).resolve().relative_to(folder)
+    return Path(kind) / name if folder is None else folder / kind / Path(run).resolve().relative_to(folder)
 
 
 def read_run(path: Path) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ import numpy as np
 from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.drawing import CAMERA_TARGET, Painter
 from ogmp_sb3.frame import Frame, join_terrain
-from ogmp_sb3.logs import progress_bar
 
 CAMERA_LAG = 0.9  # share of the way that the camera leaves for later in 0.03 s, so that hops do not shake it
 STRIP_TILES, STRIP_COLUMNS = 12, 4
@@ -43,27 +42,40 @@ def check_suffix(path: Path) -> None:
         raise ValueError(f"'video' must end in {', '.join(FORMATS)}; found '{path}'.")
 
 
-def write_video(frames: list[Frame], task: TaskConfig, path: Path) -> None:
+def picture_count(frames: int, path: Path) -> int:
+    """How many pictures :func:`write_video` draws of so many frames."""
+    return math.ceil(frames / _stride(frames, path))
+
+
+def _stride(frames: int, path: Path) -> int:
+    """Frames from picture to picture."""
+    return FORMATS[path.suffix].stride or math.ceil(frames / STRIP_TILES)
+
+
+def write_video(
+    frames: list[Frame], task: TaskConfig, path: Path, progress: Callable[[int], object] | None = None
+) -> None:
     """Draw frames and write them to a file.
 
     :param frames: one for each control step
     :param task: their task
     :param path: ``.mp4``, ``.gif``, or ``.png`` for a strip of pictures
+    :param progress: called with the number of pictures that have just been drawn
     :raises ValueError: for another ending, or if there is no OpenGL
     """
     check_suffix(path)
-    kind = FORMATS[path.suffix]
-    stride = kind.stride or math.ceil(len(frames) / STRIP_TILES)
+    kind, stride = FORMATS[path.suffix], _stride(len(frames), path)
     terrain, frames = whole_terrain(frames)[::stride], frames[::stride]
     period = stride * task.control_dt
     path.parent.mkdir(parents=True, exist_ok=True)
-    with Painter(task, kind.width, kind.height) as painter, progress_bar(len(frames), "picture") as bar:
+    with Painter(task, kind.width, kind.height) as painter:
 
         def pictures() -> Iterator[np.ndarray]:
             for frame, ground, lookat in zip(frames, terrain, camera_path(frames, period), strict=True):
                 picture = painter.draw(replace(frame, terrain=ground), lookat)
                 yield _with_text(picture, f"{frame.mode}      {frame.time:.2f} s      {frame.speed:.2f} m/s")
-                bar.update()
+                if progress is not None:
+                    progress(1)
 
         write(pictures(), path, kind, period)
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from ogmp_sb3 import registry
+from ogmp_sb3 import plugins, registry
 from ogmp_sb3.opengl import gl_library
 
 # The same few examples in every run; HYPOTHESIS_PROFILE=thorough tries many, and others each time.
@@ -23,7 +23,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 def forget(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """As if no plug-in had been looked for yet; afterwards all is as it was."""
     modules, functions = set(sys.modules), [dict(kind._functions) for kind in registry.KINDS]
-    monkeypatch.setattr(registry, "_plugins", None)
+    monkeypatch.setattr(plugins, "_plugins", None)
     yield
     for kind, before in zip(registry.KINDS, functions, strict=True):
         kind._functions = before

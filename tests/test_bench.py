@@ -44,8 +44,7 @@ def test_learners_are_compared_on_the_same_full_rollouts(monkeypatch: pytest.Mon
     trained = []
     for kind in (StockRecurrentPPO, RecurrentPPO):
         monkeypatch.setattr(kind, "train", lambda learner: trained.append((type(learner), learner.rollout_buffer.full)))
-    config = bench.BenchConfig(what="learner", num_envs=2, repeats=2)
-    numbers = bench.bench_learner(config, load_task("parkour"))
+    numbers = bench.bench_learner(load_task("parkour"), num_envs=2, repeats=2)
     assert trained == [(StockRecurrentPPO, True), (RecurrentPPO, True), (RecurrentPPO, True)] * 2
     assert {"stock_samples_per_second", "exact_samples_per_second", "chunked_samples_per_second"} <= set(numbers)
 

@@ -5,26 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from programs import program
 
-from ogmp_sb3.check import reference_panels, standing_still
+from ogmp_sb3.check import reference_panels
 from ogmp_sb3.config import load_task
-
-
-@pytest.mark.parametrize(
-    ("rho", "verdict"),
-    [
-        (0.5, "leaves the bound"),
-        (0.54, "stays inside the bound in the slowest modes"),
-        (0.8, "stays inside the bound in the slowest modes"),
-        (1.62, "stays inside the bound"),
-        (None, "stays inside the bound"),
-    ],
-)
-def test_standing_still_is_judged_by_the_slowest_and_the_fastest_mode(rho: float | None, verdict: str) -> None:
-    sentence = standing_still(load_task("parkour", {"rho": rho}))
-    assert sentence == f"v * horizon * control_dt = 0.54 to 1.62 m, {verdict}"
 
 
 def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:
@@ -44,7 +28,3 @@ def test_several_tasks_are_all_checked(tmp_path: Path) -> None:
     assert done.stdout.count("is right.") == 2 and "wrong.yaml" in done.stderr
     done = program("check", "dive", "stairs", "out=x", cwd=tmp_path)
     assert "'out' takes the picture of one task" in done.stderr
-
-
-def test_standing_still_is_not_judged_where_x_is_free() -> None:
-    assert standing_still(load_task("dive")) is None

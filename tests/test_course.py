@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config import load_task
-from ogmp_sb3.course import Course, standing_deviation
+from ogmp_sb3.course import Course, standing_deviation, standing_still
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.sampling import ModeCall
 
@@ -22,6 +22,25 @@ def test_a_robot_that_stands_still_deviates_by_speed_times_horizon() -> None:
 def test_standing_still_is_no_question_for_timed_modes_or_a_bound_on_other_states() -> None:
     assert standing_deviation(load_task("dive")) is None
     assert standing_deviation(load_task("parkour", {"bound": {"x": 0.0, "z": 1.0}})) is None
+
+
+@pytest.mark.parametrize(
+    ("rho", "verdict"),
+    [
+        (0.5, "leaves the bound"),
+        (0.54, "stays inside the bound in the slowest modes"),
+        (0.8, "stays inside the bound in the slowest modes"),
+        (1.62, "stays inside the bound"),
+        (None, "stays inside the bound"),
+    ],
+)
+def test_standing_still_is_judged_by_the_slowest_and_the_fastest_mode(rho: float | None, verdict: str) -> None:
+    sentence = standing_still(load_task("parkour", {"rho": rho}))
+    assert sentence == f"v * horizon * control_dt = 0.54 to 1.62 m, {verdict}"
+
+
+def test_standing_still_is_not_judged_where_x_is_free() -> None:
+    assert standing_still(load_task("dive")) is None
 
 
 def test_the_reference_of_a_real_query_ends_that_far_ahead() -> None:

@@ -20,8 +20,8 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
-    {"plugins", "rotations", "opengl", "files"},
-    {"registry"},
+    {"registry", "rotations", "opengl", "files"},
+    {"plugins"},
     {"schema", "srb", "storage"},
     {"ranges"},
     {"snapshots"},
@@ -33,7 +33,7 @@ LAYERS = (
     {"modes", "frame"},
     {"reference", "sampling"},
     {"oracles", "course", "latent", "grid"},
-    {"view", "plans"},
+    {"view", "plans", "agent"},
     {"observations", "rewards", "terminations", "metrics"},
     {"sim", "render"},
     {"env", "robot_check"},

@@ -22,7 +22,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 import ogmp_sb3
-from ogmp_sb3 import registry
+from ogmp_sb3 import plugins, registry
 from ogmp_sb3.config import load_robot, load_task, task_names, task_path
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.json_schema import task_schema
@@ -87,8 +87,8 @@ def test_a_task_that_names_only_what_ships_never_loads_a_plugin(install: Install
     install("plug_a", {"__init__.py": "raise RuntimeError('loaded')"})
     for name in ("parkour", "dive", "stairs"):
         load_task(name)
-    assert registry._plugins is None
-    assert registry.loaded_plugins() == []
+    assert plugins._plugins is None
+    assert plugins.loaded_plugins() == []
 
 
 def test_modes_tasks_and_robots_of_a_plugin_are_found_by_name(install: Install) -> None:
@@ -110,7 +110,7 @@ def test_modes_tasks_and_robots_of_a_plugin_are_found_by_name(install: Install) 
     assert {"skipping", "parkour"} <= set(task_names())
     assert ModeCall("skip", {"v": 0.5}).segment().length == 1.0
     assert BatchEnv(task).step(np.zeros((1, 10))).reward.shape == (1,)
-    assert [plugin.folder for plugin in registry.loaded_plugins()] == [folder]
+    assert [plugin.folder for plugin in plugins.loaded_plugins()] == [folder]
     assert versions()["plug_a"] == "1.2"
 
 
@@ -168,7 +168,7 @@ def test_a_broken_plugin_is_named_where_a_name_is_unknown(broken: None, tmp_path
 def test_a_broken_plugin_breaks_nobody_else(broken: None) -> None:
     load_task("parkour")
     assert load_task("skipping").name == "skipping"
-    assert [plugin.name for plugin in registry.loaded_plugins()] == ["of_plug_sound"]
+    assert [plugin.name for plugin in plugins.loaded_plugins()] == ["of_plug_sound"]
     assert "plug_broken" not in versions()
 
 

@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -188,16 +187,16 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tm
 
 
 def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:
-    shipped: Any = SimpleNamespace(name="parkour")
+    name = "parkour"
     for run in ("first", "second"):
         for policy in ("best", "checkpoints/000000000512"):
             (tmp_path / run / policy).mkdir(parents=True)
         (tmp_path / run / "config.yaml").write_text("")
-        assert default_out(str(tmp_path / run), shipped, "report") == tmp_path / run / "report"
+        assert default_out(str(tmp_path / run), name, "report") == tmp_path / run / "report"
         for policy in ("best", "checkpoints/000000000512"):
-            assert default_out(str(tmp_path / run / policy), shipped, "report") == tmp_path / run / "report" / policy
+            assert default_out(str(tmp_path / run / policy), name, "report") == tmp_path / run / "report" / policy
             assert owner(str(tmp_path / run / policy)) == tmp_path / run
-    assert default_out("parkour", shipped, "report") == Path("report/parkour")
+    assert default_out("parkour", name, "report") == Path("report/parkour")
 
 
 def test_the_best_policy_has_a_page_of_its_own_with_the_curves_of_its_run(sweep: Path, tmp_path: Path) -> None:

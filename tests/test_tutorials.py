@@ -28,7 +28,7 @@ from pathlib import Path
 import pytest
 from programs import SMALL, Result, program
 
-from ogmp_sb3 import registry
+from ogmp_sb3 import plugins
 from ogmp_sb3.opengl import gl_library
 
 ROOT = Path(__file__).parents[1]
@@ -86,7 +86,7 @@ def install(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monkey
         command = [sys.executable, "-m", "pip", "install", *options, folder]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         importlib.invalidate_caches()
-        monkeypatch.setattr(registry, "_plugins", None)  # the next command is a new process
+        monkeypatch.setattr(plugins, "_plugins", None)  # the next command is a new process
         return Result(done.returncode, done.stdout, done.stderr)
 
     return install
