@@ -19,9 +19,9 @@ import numpy as np
 import torch as th
 
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.config import task_from_data
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.yaml_files import apply_overrides
 from ogmp_sb3.loading import load_policy
-from ogmp_sb3.schema import apply_overrides
 
 NUM_ENVS = 64
 WARM_UP = 0.1  # share of the steps before memory counts: caches fill, buffers reach their size

@@ -8,8 +8,8 @@ import gymnasium
 
 # Importing these modules registers what a task file can name.
 from ogmp_sb3 import metrics, modes, observations, oracles, rewards, terminations  # noqa: F401
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.drawing import Pictures
 from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.observations import CLIP
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.unstable import capture
 
 RENDER_MODES = ("rgb_array",)

@@ -21,14 +21,14 @@ from ogmp_sb3 import cli
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.bench_physics import bench_physics
 from ogmp_sb3.bench_sim import Numbers, bench_sim, median, seconds_of, stock_env
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.plotting import plot_throughput
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-bench"

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.agent import Actor, Policy
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.sim import Simulation, build_model
 from ogmp_sb3.terrain import geom_boxes

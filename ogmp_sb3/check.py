@@ -9,22 +9,23 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ogmp_sb3 import cli, registry
-from ogmp_sb3.config import load_task
+from ogmp_sb3 import cli
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.editor_schema import task_schema
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.plugins import load_plugins
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.robot import SRB, RobotConfig
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.course import standing_still
-from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.plans import make_oracle
 from ogmp_sb3.plotting import plot_references
-from ogmp_sb3.plugins import load_plugins
-from ogmp_sb3.randomisation import PushConfig
-from ogmp_sb3.ranges import Range
 from ogmp_sb3.reference import set_points, span_array, span_row
-from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import POS, SRB, STATE_SIZE
+from ogmp_sb3.srb import POS, STATE_SIZE
 from ogmp_sb3.storage import save_json
 from ogmp_sb3.unstable import load_step, replay
 

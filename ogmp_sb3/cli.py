@@ -11,8 +11,9 @@ from typing import Any, NoReturn, TypeVar
 
 from rich.console import Console
 
-from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, read, read_value
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.yaml_files import read_value
 
 C = TypeVar("C")
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogmp_sb3.definitions import MAX_BOXES, TaskConfig
+from ogmp_sb3.config.task import MAX_BOXES, TaskConfig
 from ogmp_sb3.modes import Segment
 from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments

@@ -12,7 +12,7 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Scene, join_terrain
 from ogmp_sb3.opengl import gl_library

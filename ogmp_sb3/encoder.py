@@ -13,7 +13,7 @@ import torch as th
 from safetensors.torch import save_file
 from torch import nn
 
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.latent import FEATURES, FORMAT, LATENT_SIZE, reference_features
 from ogmp_sb3.plans import make_oracle
 from ogmp_sb3.reference import set_points, span_array, span_row

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import registry, snapshots
-from ogmp_sb3.config import check_ranges
+from ogmp_sb3 import snapshots
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.load import check_ranges
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.course import Course
-from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.observations import CLIP, Signal
 from ogmp_sb3.plans import Plans
 from ogmp_sb3.randomisation import Disturbances
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.restarts import Restarts
 from ogmp_sb3.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
-from ogmp_sb3.schema import Where
 from ogmp_sb3.sim import Simulation
 from ogmp_sb3.srb import VEL
 from ogmp_sb3.terrain import height_at

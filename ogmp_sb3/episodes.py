@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import registry
 from ogmp_sb3.agent import Actor, Policy
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.grid import cell_task
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
-from ogmp_sb3.ranges import Range
 from ogmp_sb3.srb import POS, VEL
 from ogmp_sb3.view import EnvView
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.agent import Policy
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import TIME_LIMIT, BatchEnv, StepResult
 from ogmp_sb3.episodes import BATCH, play_batch
 from ogmp_sb3.plans import Plans, make_oracle

@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from ogmp_sb3 import cli
-from ogmp_sb3.config import shown_path
+from ogmp_sb3.config.catalogue import shown_path
+from ogmp_sb3.config.scenes import task_for_test
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.course import extent
-from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import Grid, read_grid
@@ -25,7 +26,6 @@ from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
 from ogmp_sb3.runs import default_out
-from ogmp_sb3.scenes import task_for_test
 from ogmp_sb3.storage import save_json
 from ogmp_sb3.sweeps import shown
 

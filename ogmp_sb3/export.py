@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ogmp_sb3 import cli, registry
+from ogmp_sb3 import cli
 from ogmp_sb3.agent import Actor
-from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.latent import reference_features, task_encoder

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.strict import GREATEST
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.course import extent
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import GREATEST
 
 CELLS = 8  # along an axis, if not given: two on either side of the training range, four in it
 MAX_CELLS = 100  # along an axis

@@ -17,9 +17,9 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from ogmp_sb3.config import PACKAGE
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.registry import did_you_mean
+from ogmp_sb3.config.catalogue import PACKAGE
+from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.rotations import rpy_to_quat
 from ogmp_sb3.srb import OMEGA, POS, RPY, VEL
 

@@ -21,14 +21,16 @@ from ogmp_sb3.checkpoints import (
     policy_weights,
     put_weights,
 )
-from ogmp_sb3.config import PACKAGE, task_from_data, task_path
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import PACKAGE, task_path
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.latent import changed_file, encoder_dir
 from ogmp_sb3.observations import CLIP
 from ogmp_sb3.policy import LstmPolicy, Network, policy_kwargs
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.sb3_zip import load_zip
-from ogmp_sb3.schema import Where, read, read_yaml
 from ogmp_sb3.storage import MANIFEST, load_json, verify
 
 POLICIES_DIR = PACKAGE / "policies"

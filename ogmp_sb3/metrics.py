@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.registry import metrics, objectives
+from ogmp_sb3.config.registry import metrics, objectives
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.srb import GRAVITY
 

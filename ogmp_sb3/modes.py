@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from ogmp_sb3.registry import modes
+from ogmp_sb3.config.registry import modes
 from ogmp_sb3.srb import GRAVITY
 from ogmp_sb3.terrain import Plateau
 

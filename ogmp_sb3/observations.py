@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogmp_sb3.registry import observations
+from ogmp_sb3.config.registry import observations
 from ogmp_sb3.terrain import height_at, scan_points
 from ogmp_sb3.view import EnvView
 

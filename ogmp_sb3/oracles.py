@@ -14,22 +14,11 @@ from functools import lru_cache
 import numba
 import numpy as np
 
+from ogmp_sb3.config.registry import oracles
+from ogmp_sb3.config.robot import INPUT_NAMES, SRB, STATE_NAMES
 from ogmp_sb3.reference import Reference, SetPoints
-from ogmp_sb3.registry import oracles
 from ogmp_sb3.riccati import tracking_gains
-from ogmp_sb3.srb import (
-    GRAVITY,
-    INPUT_NAMES,
-    OMEGA,
-    POS,
-    RPY,
-    SRB,
-    STATE_NAMES,
-    STATE_SIZE,
-    VEL,
-    srb_axes,
-    srb_dynamics,
-)
+from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
 
 Oracle = Callable[[SetPoints, np.ndarray], Reference]
 

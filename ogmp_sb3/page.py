@@ -11,7 +11,7 @@ from typing import Any
 
 import jinja2
 
-from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.files import replacing
 
 TEMPLATES = PACKAGE / "templates"

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from ogmp_sb3 import cli
 from ogmp_sb3.agent import Policy
-from ogmp_sb3.config import task_path
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import task_path
+from ogmp_sb3.config.scenes import SHOWN, task_for_test
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.player import Player
-from ogmp_sb3.scenes import SHOWN, task_for_test
-from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.video import check_suffix, picture_count, write_video
 from ogmp_sb3.viewer import Viewer
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ogmp_sb3.agent import Actor, Policy
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.drawing import scene_of
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame
-from ogmp_sb3.ranges import Range
 from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.sampling import ModeCall, draw_parameters
 from ogmp_sb3.srb import OMEGA, POS, VEL

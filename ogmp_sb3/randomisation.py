@@ -6,69 +6,16 @@ changes bodies, contacts and servos, :class:`~ogmp_sb3.env.BatchEnv` passes acti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ogmp_sb3 import snapshots
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.schema import positive
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.variation import RandomisationConfig
 
-MAX_LATENCY = 100  # control steps; more is a slip of the pen
 NOISY = ("proprioception",)  # observation terms that sensors measure
 NONE_DUE = (np.zeros(0, dtype=int), np.zeros((0, 2)))
-
-
-def _at_least(name: str, found: Range | None, least: float, above: bool = False) -> None:
-    if found is None:
-        return
-    if found.words:
-        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(found.words)}.")
-    if found.low < least or (above and found.low == least):
-        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {found.low:g}.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PushConfig:
-    """Kicks: the base's velocity changes at once, in a random horizontal direction."""
-
-    every: float = 2.0
-    """time between kicks, s; the first comes at a random time within it"""
-    speed: Range
-    """change of velocity, drawn for every kick, m/s"""
-
-    def __post_init__(self) -> None:
-        positive("every", self.every)
-        _at_least("speed", self.speed, 0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomisationConfig:
-    """The disturbances in use; each is a number, ``[low, high]`` drawn uniformly at reset, or null for none."""
-
-    mass: Range | None = None
-    """factor on mass and inertia of all bodies together"""
-    friction: Range | None = None
-    """sliding friction coefficient of everything that touches"""
-    gains: Range | None = None
-    """factor on kp and kd of all servos together"""
-    latency: Range | None = None
-    """how long an action is held back, whole control steps"""
-    sensor_noise: Range | None = None
-    """standard deviation of white noise on the observation ``proprioception``, in its scales"""
-    push: PushConfig | None = None
-    """kicks during the episode"""
-
-    def __post_init__(self) -> None:
-        for name in ("mass", "friction", "gains"):
-            _at_least(name, getattr(self, name), 0.0, above=True)
-        for name in ("latency", "sensor_noise"):
-            _at_least(name, getattr(self, name), 0.0)
-        if self.latency is not None:
-            for steps in (self.latency.low, self.latency.high):
-                if steps != round(steps) or steps > MAX_LATENCY:
-                    raise ValueError(f"'latency' must be whole control steps up to {MAX_LATENCY}, found {steps:g}.")
 
 
 class Disturbances:

@@ -9,9 +9,11 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
 
-from ogmp_sb3.config import PACKAGE
-from ogmp_sb3.plugins import loaded_plugins
-from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3.config.catalogue import PACKAGE
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.plugins import loaded_plugins
+from ogmp_sb3.config.strict import check_range, read
+from ogmp_sb3.config.yaml_files import read_yaml
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
@@ -32,13 +34,6 @@ PPO_RANGES: dict[str, tuple[float, float]] = {
     "n_lstm_layers": (1, 16),
 }
 """Least and greatest values; the sizes end where more is a slip of the pen."""
-
-
-def _check_range(name: str, value: float, low: float, high: float) -> None:
-    if value < low:
-        raise ValueError(f"'{name}' must be at least {low:g}, found {value:g}.")
-    if value > high:
-        raise ValueError(f"'{name}' must be at most {high:,.0f}, found {value:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +75,7 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         for name, (low, high) in PPO_RANGES.items():
-            _check_range(name, getattr(self, name), low, high)
+            check_range(name, getattr(self, name), low, high)
         for name in ("clip_range", "target_kl", "max_grad_norm"):
             value = getattr(self, name)
             if value is not None and value <= 0:
@@ -132,7 +127,7 @@ class TrainConfig:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
         if self.policy_average is not None and self.policy_average < 1:
             raise ValueError(f"'policy_average' must be at least 1 or null, found {self.policy_average}.")
-        _check_range("seed", self.seed, 0, MAX_SEED)
+        check_range("seed", self.seed, 0, MAX_SEED)
         if self.ppo.n_steps * self.num_envs < 2:
             raise ValueError("'ppo.n_steps' and 'num_envs' are 1: one sample is too few to learn from.")
         for name in ("torch_threads", "physics_threads"):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from ogmp_sb3.definitions import GaitConfig
+from ogmp_sb3.config.task import GaitConfig
 from ogmp_sb3.modes import Contact, Span
 from ogmp_sb3.srb import GRAVITY, OMEGA, POS, STATE_SIZE, VEL
 

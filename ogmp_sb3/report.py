@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 from ogmp_sb3 import cli, report_run, report_sweep
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.grid import CELLS, MAX_CELLS
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.page import Section, write_page
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.runs import MULTIRUN, default_out, owner, read_run, read_sweep
 from ogmp_sb3.saving import CONFIG
 from ogmp_sb3.subject import Subject

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import registry
-from ogmp_sb3.config import shown_path
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import shown_path
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.course import standing_still
-from ogmp_sb3.definitions import TaskConfig
 from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.latent import load_encoder

@@ -6,42 +6,12 @@ So an environment remembers the moments before its falls and begins some of its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ogmp_sb3 import snapshots
-from ogmp_sb3.ranges import Range
-
-EVERY = 5  # control steps between two moments that are remembered
-LONGEST = 1_000  # control steps before a fall; more is a slip of the pen
-QUEUE = 6  # moments that wait to be begun from, of each environment
-
-
-@dataclass(frozen=True, kw_only=True)
-class RestartConfig:
-    """Episodes that begin before a fall, beside those that begin at the start of a track."""
-
-    fraction: float
-    """share of the episodes that begin so, as long as there are falls to begin from"""
-    before: Range
-    """how long before the fall, control steps"""
-    per_fall: int = 3
-    """episodes for each fall of an episode that began at the start"""
-    episode_steps: int = 100
-    """their time limit, control steps"""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.fraction < 1:
-            raise ValueError(f"'fraction' must be above 0 and below 1, found {self.fraction:g}.")
-        if self.before.words or self.before.low < EVERY or self.before.high > LONGEST:
-            raise ValueError(f"'before' must be control steps from {EVERY} to {LONGEST}, found {self.before}.")
-        for name, most in (("per_fall", QUEUE), ("episode_steps", None)):
-            value = getattr(self, name)
-            if value < 1 or (most is not None and value > most):
-                limit = f"at least 1 and at most {most}" if most else "at least 1"
-                raise ValueError(f"'{name}' must be {limit}, found {value}.")
+from ogmp_sb3.config.variation import MOST_WAITING, REMEMBER_EVERY, RestartConfig
 
 
 class Restarts:
@@ -56,7 +26,7 @@ class Restarts:
 
     def __init__(self, config: RestartConfig | None, num_envs: int, size: int) -> None:
         self.config = config
-        slots, queue = (0, 0) if config is None else (int(config.before.high) // EVERY + 2, QUEUE)
+        slots, queue = (0, 0) if config is None else (int(config.before.high) // REMEMBER_EVERY + 2, MOST_WAITING)
         self._past = np.zeros((num_envs, slots, size))
         self._past_modes = np.zeros((num_envs, slots), dtype=int)  # how many were laid
         self._queue = np.zeros((num_envs, queue, size))
@@ -73,7 +43,7 @@ class Restarts:
 
         :param step_count: control steps of the episodes so far, shape (num_envs,), int
         """
-        return np.flatnonzero(step_count % EVERY == 0) if self.config else np.zeros(0, dtype=int)
+        return np.flatnonzero(step_count % REMEMBER_EVERY == 0) if self.config else np.zeros(0, dtype=int)
 
     def remember(self, rows: np.ndarray, steps: np.ndarray, moments: np.ndarray, modes: np.ndarray) -> None:
         """Keep the present moments of some environments, over the oldest.
@@ -97,11 +67,11 @@ class Restarts:
         assert config is not None
         for _ in range(config.per_fall):
             before = self._rng[row].uniform(config.before.low, config.before.high)
-            moment = int((steps - before) // EVERY * EVERY)
-            if moment < EVERY:
+            moment = int((steps - before) // REMEMBER_EVERY * REMEMBER_EVERY)
+            if moment < REMEMBER_EVERY:
                 continue
             waiting = self._waiting[row]
-            if len(waiting) == QUEUE:
+            if len(waiting) == MOST_WAITING:
                 waiting.pop(0)
                 self._queue[row, :-1] = self._queue[row, 1:].copy()
             slot = self._slot(moment)
@@ -140,4 +110,4 @@ class Restarts:
         return {"past": self._past, "past_modes": self._past_modes, "queue": self._queue}
 
     def _slot(self, steps: Any) -> Any:
-        return steps // EVERY % self._past.shape[1]
+        return steps // REMEMBER_EVERY % self._past.shape[1]

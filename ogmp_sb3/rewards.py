@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.definitions import Terms
-from ogmp_sb3.registry import rewards
+from ogmp_sb3.config.registry import rewards
+from ogmp_sb3.config.task import Terms
 from ogmp_sb3.view import EnvView
 
 

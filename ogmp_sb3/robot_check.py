@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ogmp_sb3.robot import RobotConfig
+from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.rotations import quat_rotate
 from ogmp_sb3.sim import Simulation
-from ogmp_sb3.srb import SRB
 
 INTERVAL = 0.01  # s, about, between two looks at what touches the ground
 GROUND = (-10.0, 10.0, -10.0, 10.0, 0.0)  # a terrain box, m

@@ -17,11 +17,13 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.yaml_files import UNREADABLE, read_yaml
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.files import occupied
 from ogmp_sb3.logs import STEP_COLUMN, read_rows
 from ogmp_sb3.saving import CONFIG, entry
-from ogmp_sb3.schema import UNREADABLE, Where, read, read_yaml
 from ogmp_sb3.training import RESUMABLE
 
 FINISHED, RUNNING, STOPPED, FAILED = "finished", "running", "stopped", "failed"

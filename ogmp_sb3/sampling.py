@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.curriculum import CurriculumConfig
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.registry import modes
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.variation import CurriculumConfig
 from ogmp_sb3.modes import Segment
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.registry import modes
 
 
 @dataclass(frozen=True)

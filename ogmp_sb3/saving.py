@@ -23,11 +23,12 @@ from ogmp_sb3.checkpoints import (
     save_checkpoint,
     try_checkpoint,
 )
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
 from ogmp_sb3.files import reason, remove, tidy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import Where, read
 from ogmp_sb3.trainer import check_numbers
 from ogmp_sb3.unstable import FOLDER as UNSTABLE
 

@@ -13,23 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from ogmp_sb3.config.robot import SRB
 from ogmp_sb3.rotations import rpy_rate_matrix, rpy_to_matrix
 
 GRAVITY = 9.81  # m/s^2
 STATE_SIZE = 12
-STATE_NAMES = ("roll", "pitch", "yaw", "x", "y", "z", "wx", "wy", "wz", "vx", "vy", "vz")
 RPY, POS, OMEGA, VEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-INPUT_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SRB:
-    """Mass properties of the single rigid body."""
-
-    mass: float
-    """kg"""
-    inertia: tuple[float, float, float]
-    """about the centre of mass, body axes, kg m^2"""
 
 
 @dataclass(frozen=True)

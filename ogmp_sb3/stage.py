@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.frame import GHOST_COLOUR, MARK_COLOUR, Colour, Frame, ground_colours, ground_marks
 from ogmp_sb3.sim import build_model
 from ogmp_sb3.srb import POS

@@ -18,14 +18,16 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3 import cli
 from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.config import TASKS_DIR, task_from_data, task_names, task_path
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import TASKS_DIR, task_names, task_path
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_value, read_yaml
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
 from ogmp_sb3.recipe import TrainConfig
-from ogmp_sb3.registry import did_you_mean
 from ogmp_sb3.saving import CONFIG
-from ogmp_sb3.schema import Where, read, read_value, read_yaml
 from ogmp_sb3.training import RESUMABLE, begin_or_go_on, run_config, train
 
 PROGRAM = "ogmp-train"

@@ -11,8 +11,9 @@ import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from ogmp_sb3.adapters import OgmpVecEnv
+from ogmp_sb3.config.messages import Where, describe
+from ogmp_sb3.config.strict import read
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.schema import Where, describe, read
 from ogmp_sb3.storage import check_shapes
 
 MOMENTS = ("exp_avg", "exp_avg_sq")  # of Adam

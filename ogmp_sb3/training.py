@@ -17,14 +17,16 @@ from stable_baselines3.common.callbacks import CallbackList
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read, write_yaml
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.files import alone, reason
 from ogmp_sb3.latent import changed_file, copy_encoder
 from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
-from ogmp_sb3.schema import Where, read, read_yaml, write_yaml
 from ogmp_sb3.storage import load_json
 from ogmp_sb3.unstable import FOLDER as UNSTABLE
 

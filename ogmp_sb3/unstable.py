@@ -15,11 +15,12 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from ogmp_sb3.config import task_from_data
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.files import replacing
-from ogmp_sb3.schema import Where, read
 from ogmp_sb3.sim import Simulation
 
 FOLDER = "unstable"  # in a run directory

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.drawing import CAMERA_TARGET, Painter
 from ogmp_sb3.frame import Frame, join_terrain
 

@@ -14,9 +14,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.frame import Frame
 from ogmp_sb3.player import Player
-from ogmp_sb3.ranges import Range
 from ogmp_sb3.stage import Stage
 
 FRAME_TIME = 1 / 30  # s between two updates of the scene

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.recipe import DEFAULTS, default_ppo
-from ogmp_sb3.schema import read_yaml
 
 
 def ppo_lstm() -> dict[str, Any]:

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config import TASKS_DIR, load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.terrain import height_at
 

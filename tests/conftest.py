@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from ogmp_sb3 import plugins, registry
+from ogmp_sb3.config import plugins, registry
 from ogmp_sb3.opengl import gl_library
 
 # The same few examples in every run; HYPOTHESIS_PROFILE=thorough tries many, and others each time.

@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from ogmp_sb3 import load_task
-from ogmp_sb3.config import ROBOTS_DIR, TASKS_DIR
-from ogmp_sb3.definitions import MAX_SUBSTEPS
-from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.config.catalogue import ROBOTS_DIR, TASKS_DIR
+from ogmp_sb3.config.task import MAX_SUBSTEPS
+from ogmp_sb3.config.yaml_files import read_yaml
 
 SHIPPED = {name: read_yaml(TASKS_DIR / f"{name}.yaml") for name in ("dive", "parkour")}
 ROBOT = read_yaml(ROBOTS_DIR / "hector" / "robot.yaml")

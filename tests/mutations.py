@@ -13,11 +13,12 @@ from typing import Any
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from ogmp_sb3 import load_task, registry
-from ogmp_sb3.config import TASKS_DIR
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.schema import read_yaml
-from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3 import load_task
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 
 TEXTS = {name: (TASKS_DIR / f"{name}.yaml").read_text(encoding="utf-8") for name in ("dive", "parkour", "stairs")}
 SHIPPED = {name: read_yaml(TASKS_DIR / f"{name}.yaml") for name in TEXTS}

@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 from gymnasium import spaces
 
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.player import Player
 from ogmp_sb3.policy import LstmPolicy

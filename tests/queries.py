@@ -6,13 +6,14 @@ import control
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.registry import oracles
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.oracles import ORIENTATION_STEP, Plant
 from ogmp_sb3.reference import END, Reference, SetPoints, set_points, span_array, span_row
-from ogmp_sb3.registry import oracles
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import INPUT_NAMES, POS, RPY, STATE_NAMES, STATE_SIZE, SRBDynamics, srb_dynamics
+from ogmp_sb3.srb import POS, RPY, STATE_SIZE, SRBDynamics, srb_dynamics
 
 NAMES = ["linear", "lqr", "preview"]
 TASKS = {

@@ -12,7 +12,8 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 import ogmp_sb3
 from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
-from ogmp_sb3.config import TASKS_DIR, load_task
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.load import load_task
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 SEED = 3

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from ogmp_sb3 import bench, bench_physics, bench_sim
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.sim import Simulation
 

@@ -8,7 +8,7 @@ import numpy as np
 from programs import program
 
 from ogmp_sb3.check import reference_panels
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 
 
 def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from ogmp_sb3 import cli
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.task import TaskConfig
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,9 @@ import pytest
 from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 
 from ogmp_sb3 import load_task
-from ogmp_sb3.config import task_names, task_path
-from ogmp_sb3.definitions import TaskConfig
-from ogmp_sb3.srb import INPUT_NAMES
+from ogmp_sb3.config.catalogue import task_names, task_path
+from ogmp_sb3.config.robot import INPUT_NAMES
+from ogmp_sb3.config.task import TaskConfig
 
 # ---- load_task: one mistake, one sentence ----
 

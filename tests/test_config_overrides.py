@@ -12,9 +12,9 @@ import yaml
 from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 
 from ogmp_sb3 import load_task
-from ogmp_sb3.config import task_from_data
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.schema import apply_overrides
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.yaml_files import apply_overrides
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.course import Course, standing_deviation, standing_still
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.sampling import ModeCall

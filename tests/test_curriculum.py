@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from batches import OPEN, SEED, TASKS, last, put_upright, with_levels
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 
 

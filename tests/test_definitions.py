@@ -10,9 +10,8 @@ import yaml
 from mistakes import MISSING, ROBOT, SHIPPED, put, write
 
 from ogmp_sb3 import load_task
-from ogmp_sb3.config import load_robot
-from ogmp_sb3.robot import RobotConfig
-from ogmp_sb3.srb import STATE_NAMES
+from ogmp_sb3.config.load import load_robot
+from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 
 # ---- RobotConfig ----
 

@@ -11,7 +11,7 @@ import pytest
 from players import flat
 
 from ogmp_sb3.adapters import OgmpEnv
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.drawing import HEIGHT, WIDTH, Painter, Pictures, scene_of
 from ogmp_sb3.env import BatchEnv
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from batches import OPEN, SEED, TASKS, actions, at_full_level, ended
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 
 

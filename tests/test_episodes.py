@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from ogmp_sb3 import registry
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.episodes import play_batch, play_episodes
 from ogmp_sb3.metrics import EpisodeRecord

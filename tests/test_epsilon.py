@@ -12,8 +12,8 @@ import pytest
 from learners import make_policy
 from programs import program
 
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.episodes import play_batch
 from ogmp_sb3.epsilon import ShadowedEnv, estimate_epsilon

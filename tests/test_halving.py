@@ -8,9 +8,10 @@ import pytest
 from programs import SMALL, program
 
 from ogmp_sb3 import halving
+from ogmp_sb3.config.strict import write_yaml
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.logs import STEP_COLUMN
 from ogmp_sb3.runs import Run, read_sweep
-from ogmp_sb3.schema import read_yaml, write_yaml
 
 
 @pytest.fixture

@@ -14,12 +14,16 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from mutations import SHIPPED, misspelt, mutated, nodes, parent
 
-from ogmp_sb3 import check, registry
-from ogmp_sb3.config import TASKS_DIR, task_from_data
-from ogmp_sb3.definitions import SequenceEntry
-from ogmp_sb3.json_schema import task_schema
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.schema import Where, read, read_yaml
+from ogmp_sb3 import check
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.editor_schema import task_schema
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import SequenceEntry
+from ogmp_sb3.config.yaml_files import read_yaml
 
 SCHEMA = task_schema()
 VALIDATOR = Draft202012Validator(SCHEMA)

@@ -10,7 +10,7 @@ import torch as th
 from scipy.spatial.transform import Rotation
 
 from ogmp_sb3 import encoder, latent
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 
 PARKOUR = load_task("parkour")
 

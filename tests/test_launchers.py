@@ -14,7 +14,7 @@ import yaml
 from programs import SMALL
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.config import ROBOTS_DIR, TASKS_DIR
+from ogmp_sb3.config.catalogue import ROBOTS_DIR, TASKS_DIR
 
 LAUNCHERS = {
     "joblib": ("sweep", ["hydra.launcher.n_jobs=2"]),

@@ -6,8 +6,8 @@ from records import DIRECTIONS, STEPS, ramp, record, turn
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3 import registry
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.metrics import (
     UPRIGHT_STEPS,
     EpisodeRecord,

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from queries import Z, models, query, weights
 
+from ogmp_sb3.config.registry import oracles
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.oracles import input_weights, state_weights, stationary_gains
-from ogmp_sb3.registry import oracles
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import GRAVITY, INPUT_NAMES, STATE_NAMES, STATE_SIZE, srb_dynamics
+from ogmp_sb3.srb import GRAVITY, STATE_SIZE, srb_dynamics
 
 
 def test_states_without_a_weight_weigh_eps():

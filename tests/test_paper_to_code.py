@@ -15,12 +15,12 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from ogmp_sb3 import cli, train
-from ogmp_sb3.config import TASKS_DIR
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.scenes import task_for_test
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.grid import read_grid
 from ogmp_sb3.halving import VALUES
-from ogmp_sb3.scenes import task_for_test
-from ogmp_sb3.schema import read_yaml
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "paper-to-code.md").read_text(encoding="utf-8")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.course import Course
 from ogmp_sb3.plans import Plans
 from ogmp_sb3.rotations import rpy_to_quat

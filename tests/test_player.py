@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from players import Still, flat, still_player
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame
 from ogmp_sb3.player import Player, endless

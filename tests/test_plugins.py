@@ -22,18 +22,19 @@ import yaml
 from jsonschema import Draft202012Validator
 
 import ogmp_sb3
-from ogmp_sb3 import plugins, registry
-from ogmp_sb3.config import load_robot, load_task, task_names, task_path
+from ogmp_sb3.config import plugins, registry
+from ogmp_sb3.config.catalogue import task_names, task_path
+from ogmp_sb3.config.editor_schema import task_schema
+from ogmp_sb3.config.load import load_robot, load_task
+from ogmp_sb3.config.plugins import NameTaken
+from ogmp_sb3.config.robot import RobotConfig
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.json_schema import task_schema
 from ogmp_sb3.modes import Contact
 from ogmp_sb3.oracles import Plant
-from ogmp_sb3.plugins import NameTaken
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.reference import SetPoints
-from ogmp_sb3.robot import RobotConfig
 from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.schema import read_yaml
 from ogmp_sb3.sim import build_model
 from ogmp_sb3.srb import POS, VEL
 
@@ -41,7 +42,7 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")
 SKIP = """
 from ogmp_sb3.modes import Segment, Span
-from ogmp_sb3.registry import modes
+from ogmp_sb3.config.registry import modes
 
 @modes.register()
 def {name}(v: float) -> Segment:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from batches import actions, assert_same, ended, play
 
-from ogmp_sb3.config import TASKS_DIR, load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.variation import PushConfig, RandomisationConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.randomisation import Disturbances, PushConfig, RandomisationConfig
-from ogmp_sb3.ranges import Range
+from ogmp_sb3.randomisation import Disturbances
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 SEED = 5

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.schema import Where
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.ranges import Range
 
 HERE = Where("t.yaml", "h")
 

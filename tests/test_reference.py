@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import queries
 
-from ogmp_sb3.definitions import GaitConfig
+from ogmp_sb3.config.task import GaitConfig
 from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
 from ogmp_sb3.reference import (
     CONTACT,

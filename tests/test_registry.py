@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from ogmp_sb3 import registry
-from ogmp_sb3.registry import NameTaken, Registry, did_you_mean
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.registry import NameTaken, Registry
 
 DOCS = Path(__file__).parents[1] / "docs"
 ALL = {

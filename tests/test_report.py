@@ -19,7 +19,7 @@ from PIL import Image
 from programs import SMALL, program
 
 from ogmp_sb3 import report_run
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.grid import default_grids
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.page import Table

@@ -10,11 +10,12 @@ import pytest
 from batches import actions, assert_same, ended, play
 
 from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.config import load_task
-from ogmp_sb3.definitions import TaskConfig
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.variation import MOST_WAITING, REMEMBER_EVERY, RestartConfig
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.restarts import EVERY, QUEUE, RestartConfig, Restarts
+from ogmp_sb3.restarts import Restarts
 
 SEED = 5
 DECLARED = {"fraction": 0.7, "before": [5, 15], "per_fall": 2, "episode_steps": 30}
@@ -59,7 +60,7 @@ def taken(restarts: Restarts, tries: int = 200) -> list[tuple[float, int]]:
         ({"before": [2, 10]}, "'before' must be control steps from 5 to 1000"),
         ({"before": [15, 1e9]}, "'before' must be control steps from 5 to 1000"),
         ({"per_fall": 0}, "'per_fall' must be at least 1"),
-        ({"per_fall": QUEUE + 1}, f"'per_fall' must be at least 1 and at most {QUEUE}"),
+        ({"per_fall": MOST_WAITING + 1}, f"'per_fall' must be at least 1 and at most {MOST_WAITING}"),
         ({"episode_steps": 0}, "'episode_steps' must be at least 1"),
         ({"befor": [5, 10]}, "befor"),
     ],
@@ -83,10 +84,10 @@ def test_a_fall_lets_moments_wait_that_lie_as_far_before_it_as_declared() -> Non
         found += taken(restarts)
     steps = np.array([step for step, _ in found])
     assert len(found) == 50 * 3
-    assert (steps % EVERY == 0).all()
+    assert (steps % REMEMBER_EVERY == 0).all()
     # rounded down to a moment that was kept
     assert (83 - steps >= 10).all()
-    assert (83 - steps < 30 + EVERY).all()
+    assert (83 - steps < 30 + REMEMBER_EVERY).all()
     assert len(np.unique(steps)) == 5
 
 

@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from views import make_view
 
-from ogmp_sb3 import registry
-from ogmp_sb3.config import TASKS_DIR, load_task
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.rewards import body_contact, highest_reward, orientation_tracking, position_tracking, torque_regulation
 from ogmp_sb3.view import EnvView
 

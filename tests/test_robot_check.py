@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.check import rigid_body, stance
-from ogmp_sb3.config import load_robot
-from ogmp_sb3.robot import RobotConfig
+from ogmp_sb3.config.load import load_robot
+from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sim import build_model
-from ogmp_sb3.srb import SRB
 
 PUP = Path(__file__).parents[1] / "examples" / "ogmp_pup" / "ogmp_pup" / "robots" / "pup" / "robot.yaml"
 

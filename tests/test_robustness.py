@@ -13,10 +13,10 @@ from learners import make_policy
 from programs import program
 
 from ogmp_sb3 import robustness
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.variation import PushConfig, RandomisationConfig
 from ogmp_sb3.episodes import play_episodes
-from ogmp_sb3.randomisation import PushConfig, RandomisationConfig
-from ogmp_sb3.ranges import Range
 
 
 class Standing:

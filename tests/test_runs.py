@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ogmp_sb3.config import PACKAGE
+from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.files import alone
 from ogmp_sb3.logs import STEP_COLUMN

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from ogmp_sb3.config import TASKS_DIR
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.scenes import SCENES_DIR, TRAINING_ONLY, task_for_test
-from ogmp_sb3.schema import read_yaml
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.scenes import SCENES_DIR, TRAINING_ONLY, task_for_test
+from ogmp_sb3.config.yaml_files import read_yaml
 
 PATH = TASKS_DIR / "parkour.yaml"
 

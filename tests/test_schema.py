@@ -7,7 +7,9 @@ from typing import Any, Literal
 
 import pytest
 
-from ogmp_sb3.schema import Where, describe, read, read_value, read_yaml
+from ogmp_sb3.config.messages import Where, describe
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.yaml_files import read_value, read_yaml
 
 HERE = Where("t.yaml", "a.b")
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.metrics import flip_and_land, max_heading_speed_mps, track_displacement
-from ogmp_sb3.scenes import task_for_test
 
 
 def test_parkour_runs_its_tracks_without_a_fall() -> None:

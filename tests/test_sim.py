@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ogmp_sb3.config import load_robot
+from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.sim import VISUAL_GROUP, Simulation, build_model
 from ogmp_sb3.terrain import empty_terrain
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ogmp_sb3 import stage
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.player import Player
 from ogmp_sb3.srb import POS, STATE_SIZE
 from ogmp_sb3.view import deviation

@@ -23,7 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
-from ogmp_sb3.config import TASKS_DIR
+from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import EpisodeStatistics
 

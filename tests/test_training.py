@@ -20,13 +20,16 @@ from programs import SMALL, program
 from safetensors.torch import load_file
 
 from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.config import PACKAGE, task_from_data, task_path
+from ogmp_sb3.config.catalogue import PACKAGE, task_path
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.runs import read_log, read_run
-from ogmp_sb3.schema import Where, read, read_yaml
 from ogmp_sb3.storage import write_manifest
 from ogmp_sb3.training import run_config, train
 

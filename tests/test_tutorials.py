@@ -28,7 +28,7 @@ from pathlib import Path
 import pytest
 from programs import SMALL, Result, program
 
-from ogmp_sb3 import plugins
+from ogmp_sb3.config import plugins
 from ogmp_sb3.opengl import gl_library
 
 ROOT = Path(__file__).parents[1]

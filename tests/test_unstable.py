@@ -12,9 +12,10 @@ from safetensors.numpy import save_file
 
 from ogmp_sb3 import env as env_module
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
-from ogmp_sb3.config import TASKS_DIR, task_from_data
+from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.runs import read_log
-from ogmp_sb3.schema import apply_overrides, read_yaml
 from ogmp_sb3.unstable import MOST, UnstableStep, capture, load_step, replay, save_step
 
 PATH = TASKS_DIR / "parkour.yaml"

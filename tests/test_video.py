@@ -10,7 +10,7 @@ import pytest
 from players import flat, still_player
 
 from ogmp_sb3 import video
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.frame import Frame
 from ogmp_sb3.player import Player
 from ogmp_sb3.video import FORMATS

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from views import make_view
 
-from ogmp_sb3.srb import STATE_NAMES, STATE_SIZE
+from ogmp_sb3.config.robot import STATE_NAMES
+from ogmp_sb3.srb import STATE_SIZE
 from ogmp_sb3.view import deviation
 
 

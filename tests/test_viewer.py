@@ -21,7 +21,7 @@ import pytest
 from players import flat, still_player
 from programs import program
 
-from ogmp_sb3.config import load_task
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.player import Player
 from ogmp_sb3.viewer import PLOT_EVERY, Viewer
 

@@ -1,7 +1,7 @@
 """A mode of our own."""
 
+from ogmp_sb3.config.registry import modes
 from ogmp_sb3.modes import Contact, Segment, Span
-from ogmp_sb3.registry import modes
 from ogmp_sb3.srb import GRAVITY
 from ogmp_sb3.terrain import Plateau
 

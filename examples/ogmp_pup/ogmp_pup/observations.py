@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ogmp_sb3.config.registry import observations
 from ogmp_sb3.observations import Part, Signal
-from ogmp_sb3.registry import observations
 from ogmp_sb3.rotations import quat_rotate_inverse
 from ogmp_sb3.view import EnvView
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.oracles import Plant
 from ogmp_sb3.reference import Reference, SetPoints
-from ogmp_sb3.registry import oracles
 from ogmp_sb3.srb import POS, VEL
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ogmp_sb3.registry import rewards
+from ogmp_sb3.config.registry import rewards
 from ogmp_sb3.view import EnvView
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ogmp_sb3.registry import terminations
+from ogmp_sb3.config.registry import terminations
 from ogmp_sb3.rotations import quat_rotate
 from ogmp_sb3.view import EnvView
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ogmp_sb3.schema import all_different, positive
-from ogmp_sb3.srb import SRB
+from ogmp_sb3.config.strict import all_different, positive
+
+STATE_NAMES = ("roll", "pitch", "yaw", "x", "y", "z", "wx", "wy", "wz", "vx", "vy", "vz")
+INPUT_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,3 +55,13 @@ class RobotConfig:
     def mjcf_path(self) -> Path:
         """The MJCF file."""
         return self.path.parent / self.mjcf
+
+
+@dataclass(frozen=True, kw_only=True)
+class SRB:
+    """Mass properties of the single rigid body."""
+
+    mass: float
+    """kg"""
+    inertia: tuple[float, float, float]
+    """about the centre of mass, body axes, kg m^2"""

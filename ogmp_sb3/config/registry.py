@@ -4,33 +4,21 @@ A registered function's signature is the schema of its YAML parameters: paramete
 required, the others are optional, and anything else is an error with the closest match.
 
 Plug-ins are loaded when a name is looked up that is not registered, or all names are asked for: where only what
-ships is named, none is. :mod:`ogmp_sb3.plugins` says how (:func:`set_loader`).
+ships is named, none is. :mod:`ogmp_sb3.config.plugins` says how (:func:`set_loader`).
 """
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import typing
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
+from ogmp_sb3.config.messages import did_you_mean
+
 Loader = Callable[[], str]
 T = TypeVar("T", bound=Callable[..., Any])
 F = TypeVar("F", bound=Callable[..., Any])  # what is registered keeps its own type
-
-
-def did_you_mean(name: str, allowed: Iterable[str]) -> str:
-    """The end of an error sentence: what is allowed, and the closest match if there is one.
-
-    :param name: what was found
-    :param allowed: the names that would have been right
-    :return: e.g. ``" (allowed: jump, leap, pace). Did you mean 'leap'?"``
-    """
-    names = sorted(str(a) for a in allowed)
-    text = f" (allowed: {', '.join(names) if names else 'none'})."
-    close = difflib.get_close_matches(str(name), names, n=1)
-    return f"{text} Did you mean '{close[0]}'?" if close else text
 
 
 class NameTaken(ValueError):

@@ -1,8 +1,8 @@
 """JSON Schema of the task file, for editors: completion, descriptions, and mistakes marked while one types.
 
-It is made from the dataclasses of :mod:`ogmp_sb3.definitions` and the signatures in :mod:`ogmp_sb3.registry`, those of
-plug-ins included. It never rejects a task that :func:`ogmp_sb3.load_task` accepts, which knows more: what a value may
-be, and what goes together.
+It is made from the dataclasses of :mod:`ogmp_sb3.config.task` and the signatures in :mod:`ogmp_sb3.config.registry`,
+those of plug-ins included. It never rejects a task that :func:`ogmp_sb3.load_task` accepts, which knows more: what a
+value may be, and what goes together.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ogmp_sb3 import registry
-from ogmp_sb3.curriculum import CurriculumConfig
-from ogmp_sb3.definitions import EvaluationConfig, SamplingConfig, TaskConfig
-from ogmp_sb3.ranges import Range
-from ogmp_sb3.registry import Registry
-from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config.registry import Registry
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config.task import EvaluationConfig, SamplingConfig, TaskConfig
+from ogmp_sb3.config.variation import CurriculumConfig
 
 Schema = dict[str, Any]
 
@@ -78,7 +78,7 @@ def _of_dataclass(kind: type[Any], named: Mapping[tuple[type[Any], str], Schema]
 
 
 def _of(annotation: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schema:
-    """What :func:`ogmp_sb3.schema.read` accepts for an annotation, and perhaps more."""
+    """What :func:`ogmp_sb3.config.strict.read` accepts for an annotation, and perhaps more."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (types.UnionType, typing.Union):
         return {"anyOf": [NULL if a is types.NoneType else _of(a, named) for a in arguments]}

@@ -1,4 +1,4 @@
-"""Reading and checking task and robot files. ``load_task`` is the one door."""
+"""Load and check task and robot files. ``load_task`` is the one door."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-from ogmp_sb3 import registry
-from ogmp_sb3.definitions import TaskConfig, Terms
-from ogmp_sb3.plugins import broken_plugins, load_plugins
-from ogmp_sb3.ranges import ModeRanges
-from ogmp_sb3.registry import Registry, did_you_mean
-from ogmp_sb3.robot import RobotConfig
-from ogmp_sb3.schema import Where, apply_overrides, read, read_yaml
-from ogmp_sb3.srb import INPUT_NAMES, STATE_NAMES
-
-PACKAGE = Path(__file__).parent
-TASKS_DIR = PACKAGE / "tasks"
-ROBOTS_DIR = PACKAGE / "robots"
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import ROBOTS_DIR, files, is_file, shown_path, task_path
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.plugins import broken_plugins
+from ogmp_sb3.config.ranges import ModeRanges
+from ogmp_sb3.config.registry import Registry
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES, RobotConfig
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import TaskConfig, Terms
+from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
@@ -63,43 +61,6 @@ def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
     )
 
 
-def task_path(name_or_path: str | Path) -> Path:
-    """Where a task's YAML is.
-
-    :raises ValueError: if there is no such file
-    :raises KeyError: if no task of this name ships or is in a plug-in
-    """
-    text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")) or "/" in text:
-        path = Path(text)
-        if not _is_file(path):
-            raise ValueError(f"{text}: no such file.")
-        return path
-    path = TASKS_DIR / f"{text}.yaml"
-    if _is_file(path):
-        return path
-    tasks = _task_files()
-    if text not in tasks:
-        known = did_you_mean(text, tasks)
-        raise KeyError(f"unknown task {text!r}{known} Or give the path of a YAML file.{broken_plugins()}")
-    return tasks[text]
-
-
-def task_names() -> list[str]:
-    """The tasks that ship, and those of plug-ins."""
-    return sorted(_task_files())
-
-
-def _task_files() -> dict[str, Path]:
-    return {path.stem: path for path in _files("tasks/*.yaml")}
-
-
-def _files(pattern: str) -> list[Path]:
-    """Files that ship or that plug-ins bring."""
-    folders = [PACKAGE, *(plugin.folder for plugin in load_plugins() if plugin.folder)]
-    return [path for folder in folders for path in sorted(folder.glob(pattern))]
-
-
 def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     """Read and check a robot file. Raises as :func:`load_task`.
 
@@ -110,14 +71,14 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
         path = relative_to / name_or_path
     else:
         path = ROBOTS_DIR / name_or_path / "robot.yaml"
-        if not _is_file(path):
-            robots = {path.parent.name: path for path in _files("robots/*/robot.yaml")}
+        if not is_file(path):
+            robots = {path.parent.name: path for path in files("robots/*/robot.yaml")}
             if name_or_path not in robots:
                 known = did_you_mean(name_or_path, robots)
                 raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
             path = robots[name_or_path]
     robot = replace(read(RobotConfig, read_yaml(path), Where(shown_path(path))), path=path)
-    if not _is_file(robot.mjcf_path):
+    if not is_file(robot.mjcf_path):
         raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
     return robot
 
@@ -256,18 +217,3 @@ class _located:
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         if isinstance(error, KeyError | ValueError | TypeError):
             raise type(error)(f"{self.where}: {error.args[0]}") from None
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # e.g. a name that is too long
-        return False
-
-
-def shown_path(path: Path) -> str:
-    """A path as a message shows it: shipped files by their short name."""
-    try:
-        return str(path.resolve().relative_to(PACKAGE.resolve().parent))
-    except ValueError:
-        return str(path)

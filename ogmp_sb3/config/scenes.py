@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.config import TASKS_DIR, shown_path, task_from_data
-from ogmp_sb3.definitions import Scene, TaskConfig
-from ogmp_sb3.registry import did_you_mean
-from ogmp_sb3.schema import Where, apply_overrides, read, read_value, read_yaml
+from ogmp_sb3.config.catalogue import TASKS_DIR, shown_path
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import SequenceEntry, TaskConfig
+from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml
 
 SCENES_DIR = TASKS_DIR / "scenes"
 TRAINING_ONLY = {
@@ -84,3 +87,13 @@ def _leaves(key: list[str], value: Any) -> Iterator[list[str]]:
             yield from _leaves([*key, str(name)], inner)
     else:
         yield key
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """``tasks/scenes/<name>.yaml``: modes that a policy is commanded to, one after another."""
+
+    description: str
+    """one sentence"""
+    sequence: tuple[SequenceEntry, ...]
+    """the modes in order; the last one goes on"""

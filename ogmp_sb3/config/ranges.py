@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ogmp_sb3.schema import Where, describe, read
+from ogmp_sb3.config.messages import Where, describe
+from ogmp_sb3.config.strict import read
 
 
 @dataclass(frozen=True)

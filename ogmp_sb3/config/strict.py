@@ -11,120 +11,25 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
+from ogmp_sb3.config.messages import Where, describe, did_you_mean
 from ogmp_sb3.files import replacing
-from ogmp_sb3.registry import did_you_mean
 
 T = TypeVar("T")
 
 LARGEST = 2**63  # whole numbers lie between this and its negative
 GREATEST = 1e12  # of numbers, either sign: nothing that is counted in m, s, kg, N or rad is greater
-LONGEST = 120  # characters of a value that a message shows
-# PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
-UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
-
-
-@dataclass(frozen=True)
-class Where:
-    """A place in a file, for messages."""
-
-    file: str
-    key: str | None = None
-
-    def __truediv__(self, key: object) -> Where:
-        return Where(self.file, str(key) if self.key is None else f"{self.key}.{key}")
-
-    def __str__(self) -> str:
-        return self.file if self.key is None else f"{self.file}: {self.key!r}"
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Read one YAML file as plain data. Only data: no tags, no code, and a key given twice is an error.
-
-    :raises ValueError: if the file is missing, is not YAML, or is not a mapping
-    """
-    try:
-        data = OmegaConf.to_container(OmegaConf.load(path))
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file.") from None
-    except RecursionError:
-        raise ValueError(f"{path}: not readable as YAML (nested too deeply, or inside itself).") from None
-    except UNREADABLE as error:
-        raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
-    if not isinstance(data, dict):
-        raise ValueError(f"{path}: expected a mapping at the top, found {describe(data)}.")
-    return typing.cast(dict[str, Any], data)
 
 
 def write_yaml(path: Path, data: dict[str, Any]) -> None:
     """Write plain data as YAML, all or nothing."""
     with replacing(path) as file:
         OmegaConf.save(OmegaConf.create(data), file)
-
-
-def read_value(text: str) -> Any:
-    """Read one value as a YAML file would have it, ``1e-3`` being a number.
-
-    :raises ValueError: if it is not YAML
-    """
-    try:
-        # PyYAML alone follows YAML 1.1, where 1e-3 is text; OmegaConf's loader, which reads the files, does not.
-        return OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
-    except RecursionError:
-        raise ValueError("nested too deeply, or inside itself") from None
-    except UNREADABLE as error:
-        raise ValueError(" ".join(str(error).split())) from None
-
-
-def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
-    """Put overrides into plain data, in place, and return it.
-
-    :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
-    :param file: for messages
-    :raises ValueError: if an override is not ``key=value``
-    :raises TypeError: if it is below something that is no mapping
-    """
-    for key, value in _override_items(overrides, file):
-        _set(data, key.split("."), value, Where(file))
-    return data
-
-
-def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
-    if isinstance(overrides, Mapping):
-        yield from ((str(key), value) for key, value in overrides.items())
-        return
-    if isinstance(overrides, str | bytes) or not isinstance(overrides, Iterable):
-        raise TypeError(f"{file}: overrides must be a mapping or a list of key=value, found {describe(overrides)}.")
-    for text in overrides:
-        key, sign, value = str(text).partition("=")
-        if not sign or not key or not value.strip():
-            raise ValueError(f"{file}: override {str(text)!r} must have the form key=value (null for nothing).")
-        try:
-            yield key, read_value(value)
-        except ValueError as error:
-            raise ValueError(f"{file}: override {str(text)!r} has a value that is not YAML ({error}).") from None
-
-
-def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
-    """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
-    first, *rest = keys
-    if not rest and not isinstance(value, Mapping):
-        node[first] = value
-        return
-    if rest and not isinstance(node.get(first), dict | None):
-        raise TypeError(f"{where / first} is {describe(node[first])}: it has no {'.'.join(rest)!r} to set.")
-    if not isinstance(node.get(first), dict):
-        node[first] = {}
-    for key, inner in [(".".join(rest), value)] if rest else value.items():
-        _set(node[first], str(key).split("."), inner, where / first)
 
 
 def read(kind: type[T], data: Any, where: Where) -> T:
@@ -214,17 +119,6 @@ def _mapping(data: Any, where: Where) -> dict[Any, Any]:
     return data
 
 
-def describe(data: Any) -> str:
-    """What was found, for a message: ``"the text 'abc'"``."""
-    if data is None:
-        return "nothing (null)"
-    if isinstance(data, dict):
-        return "a mapping"
-    names = {list: "the list", tuple: "the list", str: "the text", int: "the number", float: "the number"}
-    text = " ".join(repr(data).split())
-    return f"{names.get(type(data), 'the value')} {text if len(text) <= LONGEST else text[:LONGEST] + '...'}"
-
-
 def positive(name: str, value: float) -> None:
     """Check a number of a dataclass.
 
@@ -252,3 +146,14 @@ def all_different(name: str, entries: tuple[str, ...]) -> None:
     for entry in entries:
         if entries.count(entry) > 1:
             raise ValueError(f"'{name}' has {entry!r} twice.")
+
+
+def check_range(name: str, value: float, low: float, high: float) -> None:
+    """Check a number of a dataclass.
+
+    :raises ValueError: if it is not within ``low`` and ``high``
+    """
+    if value < low:
+        raise ValueError(f"'{name}' must be at least {low:g}, found {value:g}.")
+    if value > high:
+        raise ValueError(f"'{name}' must be at most {high:,.0f}, found {value:g}.")

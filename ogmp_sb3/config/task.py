@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from ogmp_sb3.curriculum import CurriculumConfig
-from ogmp_sb3.randomisation import RandomisationConfig
-from ogmp_sb3.ranges import ModeRanges, Range
-from ogmp_sb3.restarts import RestartConfig
-from ogmp_sb3.robot import RobotConfig
-from ogmp_sb3.schema import Where, all_different, describe, not_negative, positive, read
-from ogmp_sb3.srb import STATE_NAMES
+from ogmp_sb3.config.messages import Where, describe
+from ogmp_sb3.config.ranges import ModeRanges, Range
+from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
+from ogmp_sb3.config.strict import all_different, not_negative, positive, read
+from ogmp_sb3.config.variation import CurriculumConfig, RandomisationConfig, RestartConfig
 
 MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen, as are more of the next two
 MAX_HORIZON = 10_000  # control steps between queries
@@ -58,16 +56,6 @@ class SamplingConfig:
         if self.order == "random" and self.sequence:
             raise ValueError("a sequence of modes needs order: sequence; found order: random.")
         not_negative("weights", self.weights)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scene:
-    """``tasks/scenes/<name>.yaml``: modes that a policy is commanded to, one after another."""
-
-    description: str
-    """one sentence"""
-    sequence: tuple[SequenceEntry, ...]
-    """the modes in order; the last one goes on"""
 
 
 @dataclass(frozen=True, kw_only=True)

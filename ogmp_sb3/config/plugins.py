@@ -1,8 +1,8 @@
 """Plug-ins: installed packages that bring robots, tasks, modes, oracles and terms of their own.
 
 A plug-in is an entry point of the group ``ogmp_sb3.plugins``, and names a module. Importing the module registers
-functions (:mod:`ogmp_sb3.registry`); ``tasks/<name>.yaml`` and ``robots/<name>/robot.yaml`` beside it are found by
-name. :func:`load_plugins` loads all of them, when something is named that does not ship.
+functions (:mod:`ogmp_sb3.config.registry`); ``tasks/<name>.yaml`` and ``robots/<name>/robot.yaml`` beside it are
+found by name. :func:`load_plugins` loads all of them, when something is named that does not ship.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
-from ogmp_sb3 import registry
-from ogmp_sb3.registry import KINDS, NameTaken
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.registry import KINDS, NameTaken
 
 GROUP = "ogmp_sb3.plugins"
 FILES = ("tasks/*.yaml", "robots/*/robot.yaml")  # what is found by name
-SHIPPED = Path(__file__).parent
+SHIPPED = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""What YAML files say: name, file, plain data, dataclass, checked task."""

@@ -1,0 +1,129 @@
+"""What varies over a training: the curriculum, disturbances that are drawn anew, and restarts before earlier falls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ogmp_sb3.config.ranges import ModeRanges, Range
+from ogmp_sb3.config.strict import not_negative, positive
+
+MAX_LATENCY = 100  # control steps; more is a slip of the pen
+REMEMBER_EVERY = 5  # control steps between two moments that are remembered
+LONGEST_BEFORE = 1_000  # control steps before a fall; more is a slip of the pen
+MOST_WAITING = 6  # moments that wait to be begun from, of each environment
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurriculumConfig:
+    """A schedule on Psi_M, driven by success: each environment has a level from 0 to 1 of its own.
+
+    Level 0 samples the weights and ranges given here, level 1 those of the task, levels between them lie between.
+    """
+
+    modes: ModeRanges = field(default_factory=dict)
+    """mode parameters at level 0, where they differ from the task's"""
+    weights: dict[str, float] = field(default_factory=dict)
+    """mode frequencies at level 0, where they differ from the task's"""
+    step: float = 0.05
+    """change of level after an episode"""
+    raise_above: float = 0.8
+    """an episode that lasts longer than this share of its time limit raises the level"""
+    lower_below: float = 0.3
+    """a shorter one lowers it"""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lower_below <= self.raise_above < 1:
+            found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
+            raise ValueError(f"0 <= lower_below <= raise_above < 1 must hold, found {found}.")
+        positive("step", self.step)
+        not_negative("weights", self.weights)
+
+    def moved(self, level: np.ndarray, lasted: np.ndarray) -> np.ndarray:
+        """Levels after an episode each.
+
+        :param level: before it, shape (n,), 0 to 1
+        :param lasted: how long it lasted, as a share of its time limit, shape (n,)
+        :return: shape (n,), 0 to 1
+        """
+        change = np.where(lasted > self.raise_above, self.step, np.where(lasted < self.lower_below, -self.step, 0.0))
+        moved: np.ndarray = np.clip(level + change, 0.0, 1.0)
+        return moved
+
+
+def _at_least(name: str, found: Range | None, least: float, above: bool = False) -> None:
+    if found is None:
+        return
+    if found.words:
+        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(found.words)}.")
+    if found.low < least or (above and found.low == least):
+        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {found.low:g}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushConfig:
+    """Kicks: the base's velocity changes at once, in a random horizontal direction."""
+
+    every: float = 2.0
+    """time between kicks, s; the first comes at a random time within it"""
+    speed: Range
+    """change of velocity, drawn for every kick, m/s"""
+
+    def __post_init__(self) -> None:
+        positive("every", self.every)
+        _at_least("speed", self.speed, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomisationConfig:
+    """The disturbances in use; each is a number, ``[low, high]`` drawn uniformly at reset, or null for none."""
+
+    mass: Range | None = None
+    """factor on mass and inertia of all bodies together"""
+    friction: Range | None = None
+    """sliding friction coefficient of everything that touches"""
+    gains: Range | None = None
+    """factor on kp and kd of all servos together"""
+    latency: Range | None = None
+    """how long an action is held back, whole control steps"""
+    sensor_noise: Range | None = None
+    """standard deviation of white noise on the observation ``proprioception``, in its scales"""
+    push: PushConfig | None = None
+    """kicks during the episode"""
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "friction", "gains"):
+            _at_least(name, getattr(self, name), 0.0, above=True)
+        for name in ("latency", "sensor_noise"):
+            _at_least(name, getattr(self, name), 0.0)
+        if self.latency is not None:
+            for steps in (self.latency.low, self.latency.high):
+                if steps != round(steps) or steps > MAX_LATENCY:
+                    raise ValueError(f"'latency' must be whole control steps up to {MAX_LATENCY}, found {steps:g}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestartConfig:
+    """Episodes that begin before a fall, beside those that begin at the start of a track."""
+
+    fraction: float
+    """share of the episodes that begin so, as long as there are falls to begin from"""
+    before: Range
+    """how long before the fall, control steps"""
+    per_fall: int = 3
+    """episodes for each fall of an episode that began at the start"""
+    episode_steps: int = 100
+    """their time limit, control steps"""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.fraction < 1:
+            raise ValueError(f"'fraction' must be above 0 and below 1, found {self.fraction:g}.")
+        if self.before.words or self.before.low < REMEMBER_EVERY or self.before.high > LONGEST_BEFORE:
+            limits = f"{REMEMBER_EVERY} to {LONGEST_BEFORE}"
+            raise ValueError(f"'before' must be control steps from {limits}, found {self.before}.")
+        for name, most in (("per_fall", MOST_WAITING), ("episode_steps", None)):
+            value = getattr(self, name)
+            if value < 1 or (most is not None and value > most):
+                limit = f"at least 1 and at most {most}" if most else "at least 1"
+                raise ValueError(f"'{name}' must be {limit}, found {value}.")

@@ -1,0 +1,92 @@
+"""YAML files and overrides as plain data. Only data: no tags, no code."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from ogmp_sb3.config.messages import Where, describe
+
+# PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
+UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read one YAML file as plain data. Only data: no tags, no code, and a key given twice is an error.
+
+    :raises ValueError: if the file is missing, is not YAML, or is not a mapping
+    """
+    try:
+        data = OmegaConf.to_container(OmegaConf.load(path))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file.") from None
+    except RecursionError:
+        raise ValueError(f"{path}: not readable as YAML (nested too deeply, or inside itself).") from None
+    except UNREADABLE as error:
+        raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: expected a mapping at the top, found {describe(data)}.")
+    return typing.cast(dict[str, Any], data)
+
+
+def read_value(text: str) -> Any:
+    """Read one value as a YAML file would have it, ``1e-3`` being a number.
+
+    :raises ValueError: if it is not YAML
+    """
+    try:
+        # PyYAML alone follows YAML 1.1, where 1e-3 is text; OmegaConf's loader, which reads the files, does not.
+        return OmegaConf.to_container(OmegaConf.from_dotlist([f"value={text}"]))["value"]  # type: ignore[index,call-overload]
+    except RecursionError:
+        raise ValueError("nested too deeply, or inside itself") from None
+    except UNREADABLE as error:
+        raise ValueError(" ".join(str(error).split())) from None
+
+
+def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
+    """Put overrides into plain data, in place, and return it.
+
+    :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
+    :param file: for messages
+    :raises ValueError: if an override is not ``key=value``
+    :raises TypeError: if it is below something that is no mapping
+    """
+    for key, value in _override_items(overrides, file):
+        _set(data, key.split("."), value, Where(file))
+    return data
+
+
+def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> Iterable[tuple[str, Any]]:
+    if isinstance(overrides, Mapping):
+        yield from ((str(key), value) for key, value in overrides.items())
+        return
+    if isinstance(overrides, str | bytes) or not isinstance(overrides, Iterable):
+        raise TypeError(f"{file}: overrides must be a mapping or a list of key=value, found {describe(overrides)}.")
+    for text in overrides:
+        key, sign, value = str(text).partition("=")
+        if not sign or not key or not value.strip():
+            raise ValueError(f"{file}: override {str(text)!r} must have the form key=value (null for nothing).")
+        try:
+            yield key, read_value(value)
+        except ValueError as error:
+            raise ValueError(f"{file}: override {str(text)!r} has a value that is not YAML ({error}).") from None
+
+
+def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
+    """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
+    first, *rest = keys
+    if not rest and not isinstance(value, Mapping):
+        node[first] = value
+        return
+    if rest and not isinstance(node.get(first), dict | None):
+        raise TypeError(f"{where / first} is {describe(node[first])}: it has no {'.'.join(rest)!r} to set.")
+    if not isinstance(node.get(first), dict):
+        node[first] = {}
+    for key, inner in [(".".join(rest), value)] if rest else value.items():
+        _set(node[first], str(key).split("."), inner, where / first)
