@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch as th
-from programs import SMALL, program
 from safetensors.torch import load_file
 
+from helpers.programs import SMALL, program
 from ogmp_sb3 import make_env
 from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import checkpoint_dirs

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from programs import program
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from helpers.programs import program
 from ogmp_sb3 import bench, bench_physics, bench_sim
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.load import load_task

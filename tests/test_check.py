@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from programs import program
 
+from helpers.programs import program
 from ogmp_sb3.check import reference_panels
 from ogmp_sb3.config.load import load_task
 

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch as th
-from learners import learner, policy_info, update
-from programs import SMALL, program
 from safetensors.torch import load_file, save_file
 
+from helpers.learners import learner, policy_info, update
+from helpers.programs import SMALL, program
 from ogmp_sb3.checkpoints import (
     checkpoint_dirs,
     copy_policy,
@@ -93,10 +93,10 @@ def test_a_damaged_file_of_a_checkpoint_is_named_for_resume_and_eval(
     file.write_bytes(damages(mark)[damage](file.read_bytes()))
     before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
 
-    alone = program("evaluate", f"run={checkpoint_dirs(copy)[-1]}", "episodes=1", "out=eval", cwd=tmp_path)
+    alone = program("eval", f"run={checkpoint_dirs(copy)[-1]}", "episodes=1", "out=eval", cwd=tmp_path)
     assert alone.returncode == 2 and file.name in alone.stderr and one_sentence(alone.stderr)
     for name_, arguments in (
-        ("evaluate", [f"run={copy}", "episodes=1", "out=eval"]),
+        ("eval", [f"run={copy}", "episodes=1", "out=eval"]),
         ("train", [f"resume={copy}", "total_timesteps=256"]),
     ):
         with pytest.warns(UserWarning, match=f"{file.name}: .*Falling back"):

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from players import flat
 
+from helpers.players import flat
 from ogmp_sb3.adapters import OgmpEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.drawing import HEIGHT, WIDTH, Painter, Pictures, scene_of

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import OPEN, SEED, TASKS, actions, assert_same, at_full_level, ended, last, play
 
+from helpers.batches import OPEN, SEED, TASKS, actions, assert_same, at_full_level, ended, last, play
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.env import BatchEnv

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from batches import OPEN, SEED, TASKS, actions, at_full_level, ended
 
+from helpers.batches import OPEN, SEED, TASKS, actions, at_full_level, ended
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from batches import ON_TRACK, OPEN, SEED, at_full_level, base_x, inside, put_upright
 
+from helpers.batches import ON_TRACK, OPEN, SEED, at_full_level, base_x, inside, put_upright
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.env import BatchEnv

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learners import make_policy
-from programs import program
 
+from helpers.learners import make_policy
+from helpers.programs import program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
@@ -86,7 +86,7 @@ def test_in_a_timed_task_modes_are_told_apart_too() -> None:
 def test_eval_says_that_it_is_an_estimate_and_what_biases_it(tmp_path: Path) -> None:
     make_policy(tmp_path / "policy", "dive", 1)
     arguments = ["epsilon=true", "episodes=1", "evaluation.episode_steps=5", "evaluation.terminations.fall=null"]
-    done = program("evaluate", "run=policy", "out=out", *arguments, cwd=tmp_path)
+    done = program("eval", "run=policy", "out=out", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "an estimate biased by the training with preview, rho 0.3" in done.stdout
     assert "1 episodes; 0 others ended before their time" in " ".join(done.stdout.split())

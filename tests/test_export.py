@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learners import make_policy
-from programs import program
 
+from helpers.learners import make_policy
+from helpers.programs import program
 from ogmp_sb3 import export
 from ogmp_sb3.controller import Controller
 from ogmp_sb3.env import BatchEnv

@@ -11,8 +11,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from faults import hidden, killed_at, read_version, write_version
 
+from helpers.faults import hidden, killed_at, read_version, write_version
 from ogmp_sb3.files import LOCK, alone, occupied, remove, replacing, tidy
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from programs import SMALL, program
 
+from helpers.programs import SMALL, program
 from ogmp_sb3 import halving
 from ogmp_sb3.config.strict import write_yaml
 from ogmp_sb3.config.yaml_files import read_yaml

@@ -6,9 +6,9 @@ import warnings
 from pathlib import Path
 
 import pytest
-from faults import NO_SPACE
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from helpers.faults import NO_SPACE
 from ogmp_sb3.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from records import DIRECTIONS, STEPS, ramp, record, turn
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from helpers.records import DIRECTIONS, STEPS, ramp, record, turn
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.metrics import (

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from views import make_view
 
+from helpers.views import make_view
 from ogmp_sb3.observations import DEEPEST, clock, height_scan, proprioception
 from ogmp_sb3.terrain import NOTHING, empty_terrain
 

@@ -6,8 +6,8 @@ from functools import partial
 import control
 import numpy as np
 import pytest
-from queries import Z, models, query, weights
 
+from helpers.queries import Z, models, query, weights
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.oracles import input_weights, state_weights, stationary_gains

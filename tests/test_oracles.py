@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from queries import (
+
+from helpers.queries import (
     CASES,
     FLAT,
     MODES,
@@ -21,7 +22,6 @@ from queries import (
     random_query,
     tracking_cost,
 )
-
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.reference import SetPoints, set_points
 from ogmp_sb3.sampling import ModeCall

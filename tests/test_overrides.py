@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 from hydra.errors import ConfigCompositionException, HydraException
-from mutations import SHIPPED, check_sentence
-from programs import SMALL, program
 
+from helpers.mutations import SHIPPED, check_sentence
+from helpers.programs import SMALL, program
 from ogmp_sb3.overrides import FULL_ERROR, checked, run_hydra, sentence
 
 DIVE = [SHIPPED["dive"]]

@@ -9,8 +9,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from programs import SMALL, program
 
+from helpers.programs import SMALL, program
 from ogmp_sb3.play import PlayConfig, load
 from ogmp_sb3.player import Player
 

@@ -6,8 +6,8 @@ from typing import cast
 
 import numpy as np
 import pytest
-from players import Still, flat, still_player
 
+from helpers.players import Still, flat, still_player
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import actions, assert_same, ended, play
 
+from helpers.batches import actions, assert_same, ended, play
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import queries
 
+from helpers import queries
 from ogmp_sb3.config.task import GaitConfig
 from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
 from ogmp_sb3.reference import (

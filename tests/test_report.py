@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from programs import SMALL, program
 
+from helpers.programs import SMALL, program
 from ogmp_sb3 import report_run
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.grid import default_grids
@@ -102,7 +102,7 @@ def test_the_curves_are_those_of_progress_csv(run_page: Path) -> None:
 
 def test_the_evaluation_is_that_of_ogmp_eval(run_page: Path, tmp_path: Path) -> None:
     arguments = [f"run={run_page.parent}", *QUICK, "modes.pace.v=0.8", f"out={tmp_path}"]
-    assert program("evaluate", *arguments, cwd=tmp_path).returncode == 0
+    assert program("eval", *arguments, cwd=tmp_path).returncode == 0
     expected = json.loads((tmp_path / "metrics.json").read_text())
     for row in rows(run_page / "metrics.csv"):
         summary = expected["metrics"][row["metric"]]
@@ -172,7 +172,7 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
 def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tmp_path: Path, monkeypatch) -> None:
     copy = tmp_path / "run"
     shutil.copytree(sweep / "1", copy, ignore=shutil.ignore_patterns("evaluation", "report"))
-    assert program("evaluate", f"run={copy}", *QUICK, cwd=tmp_path).returncode == 0
+    assert program("eval", f"run={copy}", *QUICK, cwd=tmp_path).returncode == 0
     left = json.loads((copy / "evaluation" / "metrics.json").read_text())
     monkeypatch.setattr("ogmp_sb3.subject.measure", lambda *arguments, **named: {"metrics": "measured"})
     found = Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from views import make_view
 
+from helpers.views import make_view
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from helpers.paths import ROOT
 from ogmp_sb3.check import rigid_body, stance
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.robot_check import Stand, model_srb, stand
 from ogmp_sb3.sim import build_model
 
-PUP = Path(__file__).parents[1] / "examples" / "ogmp_pup" / "ogmp_pup" / "robots" / "pup" / "robot.yaml"
+PUP = ROOT / "examples" / "ogmp_pup" / "ogmp_pup" / "robots" / "pup" / "robot.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learners import make_policy
-from programs import program
 
+from helpers.learners import make_policy
+from helpers.programs import program
 from ogmp_sb3 import robustness
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
@@ -89,7 +89,7 @@ def evaluation(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("robustness")
     make_policy(folder / "policy", "dive", 1)
     arguments = ["randomisation.push.speed=3.0", "evaluation.episode_steps=15"]
-    done = program("evaluate", "run=policy", "robustness=true", "episodes=4", "out=eval", *arguments, cwd=folder)
+    done = program("eval", "run=policy", "robustness=true", "episodes=4", "out=eval", *arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "eval"
 
@@ -124,13 +124,13 @@ def test_a_disturbance_of_no_size_is_none(name: str) -> None:
 
 
 def test_robustness_and_grid_do_not_go_together(tmp_path: Path) -> None:
-    done = program("evaluate", "run=x", "robustness=true", "grid=jump.w,jump.h", cwd=tmp_path)
+    done = program("eval", "run=x", "robustness=true", "grid=jump.w,jump.h", cwd=tmp_path)
     assert done.returncode == 2
     assert "'grid' and 'robustness' are different evaluations: give one of them." in done.stderr
 
 
 def test_a_disturbance_of_the_test_is_refused_where_all_are_played(tmp_path: Path) -> None:
-    done = program("evaluate", "run=dive", "robustness=true", "evaluation.randomisation.friction=0.5", cwd=tmp_path)
+    done = program("eval", "run=dive", "robustness=true", "evaluation.randomisation.friction=0.5", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "'robustness' disturbs one thing at a time; its ranges are 'randomisation'" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mistakes import SHIPPED, put, write
 
+from helpers.mistakes import SHIPPED, put, write
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.modes import jump
 from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from faults import NO_SPACE, hidden, killed_at
-from learners import ROLLOUT, learner, policy_info, update
-from programs import SMALL, program, progress
 
+from helpers.faults import NO_SPACE, hidden, killed_at
+from helpers.learners import ROLLOUT, learner, policy_info, update
+from helpers.programs import SMALL, program, progress
 from ogmp_sb3 import checkpoints, logs, saving
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
 from ogmp_sb3.loading import load_policy

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learners import learner, update
-from programs import program
 
+from helpers.learners import learner, update
+from helpers.programs import program
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.sb3_zip import PICKLES, load_zip
 
@@ -35,7 +35,7 @@ def model_zip(tmp_path_factory) -> tuple[Path, object]:
 
 
 RUNS = {
-    "evaluate": ["run={file}", "episodes=1"],
+    "eval": ["run={file}", "episodes=1"],
     "play": ["run={file}", "video=a.mp4"],
     "report": ["run={file}", "grids=false"],
     "export": ["run={file}", "out=exported"],
@@ -104,6 +104,6 @@ def test_a_trusted_zip_acts_as_the_model_that_was_saved(model_zip) -> None:
 def test_a_trusted_zip_is_evaluated(model_zip, tmp_path: Path) -> None:
     file, _ = model_zip
     arguments = [f"run={file}", "trust=true", "task=dive", "episodes=2", "evaluation.episode_steps=10"]
-    done = program("evaluate", *arguments, cwd=tmp_path)
+    done = program("eval", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "evaluation" / "mine" / "metrics.json").is_file()

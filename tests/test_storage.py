@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import torch as th
-from faults import write_version
 
+from helpers.faults import write_version
 from ogmp_sb3.storage import MANIFEST, check_shapes, load_json, load_tensors, save_tensors, verify
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from views import make_view
 
+from helpers.views import make_view
 from ogmp_sb3.terminations import fall, off_track
 from ogmp_sb3.terrain import NOTHING
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from records import record
 
+from helpers.records import record
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.plotting import CAUSE_COLOURS, MODE_COLOURS, colours_of
 from ogmp_sb3.terrain import height_at

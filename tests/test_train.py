@@ -17,11 +17,12 @@ from pathlib import Path
 import pytest
 import torch as th
 import yaml
-from programs import SMALL, program, progress
 from safetensors.torch import load_file
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from helpers.paths import ROOT
+from helpers.programs import SMALL, program, progress
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.loading import load_policy
@@ -60,7 +61,7 @@ def test_the_log_has_terms_causes_deviation_and_speed(run: Path) -> None:
 @pytest.mark.parametrize("policy", ["best", "checkpoints/000000000512"])
 def test_what_is_measured_of_a_policy_that_will_be_replaced_is_not_replaced_with_it(run: Path, policy: str) -> None:
     arguments = [f"run={run / policy}", "episodes=1", "evaluation.episode_steps=5"]
-    done = program("evaluate", *arguments, cwd=run.parent)
+    done = program("eval", *arguments, cwd=run.parent)
     assert done.returncode == 0, done.stderr
     found = (run / "evaluation" / policy / "metrics.json").read_text()
     assert '"ci95": [\n    null,\n    null\n   ]' in found and "NaN" not in found  # of one episode
@@ -190,7 +191,7 @@ def test_training_and_evaluation_need_no_network(tmp_path: Path, monkeypatch) ->
     assert (
         program("train", "task=dive", "total_timesteps=128", *SMALL, "hydra.run.dir=run", cwd=tmp_path).returncode == 0
     )
-    done = program("evaluate", "run=run", "episodes=1", "evaluation.episode_steps=5", cwd=tmp_path)
+    done = program("eval", "run=run", "episodes=1", "evaluation.episode_steps=5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
@@ -223,7 +224,7 @@ def test_a_ready_sweep_over_tasks_needs_a_directory(tmp_path: Path) -> None:
 
 
 def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: Path) -> None:
-    source = Path(__file__).parents[1] / "tasks" / "stairs.yaml"
+    source = ROOT / "tasks" / "stairs.yaml"
     (tmp_path / "mine" / "task").mkdir(parents=True)
     for name in ("hill", "slope"):
         shutil.copy(source, tmp_path / "mine" / "task" / f"{name}.yaml")
@@ -267,7 +268,7 @@ def test_two_tasks_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) -> None:
-    done = program("evaluate", f"run={run}", "episodes=6", f"out={tmp_path}", "oracle=lqr", cwd=tmp_path)
+    done = program("eval", f"run={run}", "episodes=6", f"out={tmp_path}", "oracle=lqr", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "metrics.json").read_text())
     wanted = {"max_heading_acceleration_g", "max_heading_speed_mps", "max_froude", "episode_length_fraction"}
@@ -283,7 +284,7 @@ def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) 
 def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) -> None:
     grid = "grid=leap.w:0.1:0.3:2,leap.d:0.4:0.5:2"
     quick = ["episodes=3", "evaluation.episode_steps=20"]
-    done = program("evaluate", f"run={run}", grid, f"out={tmp_path}", *quick, cwd=tmp_path)
+    done = program("eval", f"run={run}", grid, f"out={tmp_path}", *quick, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "grid.json").read_text())["grid"]
     assert not (tmp_path / "metrics.json").exists()
@@ -297,7 +298,7 @@ def test_eval_over_a_grid_writes_cells_and_a_picture(run: Path, tmp_path: Path) 
 
 def test_an_endless_evaluation_ends_at_the_distance_or_by_a_fall(run: Path, tmp_path: Path) -> None:
     arguments = ["protocol=endless", "max_distance=0.05", "episodes=4", f"out={tmp_path}"]
-    done = program("evaluate", f"run={run}", *arguments, "evaluation.terminations.fall=null", cwd=tmp_path)
+    done = program("eval", f"run={run}", *arguments, "evaluation.terminations.fall=null", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "metrics.json").read_text())
     assert set(report["terminations"]) <= {"max_distance", "time_limit"} and report["terminations"]["max_distance"]
@@ -318,7 +319,7 @@ def test_an_endless_evaluation_ends_at_the_distance_or_by_a_fall(run: Path, tmp_
     ],
 )
 def test_eval_mistakes_are_a_sentence(arguments, sentence, run: Path, tmp_path: Path) -> None:
-    done = program("evaluate", *(a.format(run=run) for a in arguments), cwd=tmp_path)
+    done = program("eval", *(a.format(run=run) for a in arguments), cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
@@ -328,13 +329,13 @@ def test_eval_mistakes_are_a_sentence(arguments, sentence, run: Path, tmp_path: 
 @pytest.mark.parametrize("scene", ["pace_to_jump", "pace_leap_pace", "faster"])
 def test_eval_plays_every_shipped_scene(scene: str, run: Path, tmp_path: Path) -> None:
     arguments = [f"run={run}", f"scene={scene}", "episodes=2", f"out={tmp_path}", "evaluation.episode_steps=20"]
-    done = program("evaluate", *arguments, cwd=tmp_path)
+    done = program("eval", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "metrics.json").read_text())["scene"] == scene
 
 
 def test_eval_of_an_unknown_scene_is_a_sentence(run: Path, tmp_path: Path) -> None:
-    done = program("evaluate", f"run={run}", "scene=pace_to_jmp", cwd=tmp_path)
+    done = program("eval", f"run={run}", "scene=pace_to_jmp", cwd=tmp_path)
     assert done.returncode == 2
     assert "unknown scene 'pace_to_jmp'" in done.stderr and "Did you mean 'pace_to_jump'" in done.stderr
 

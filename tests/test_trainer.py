@@ -8,8 +8,8 @@ import random
 import numpy as np
 import pytest
 import torch as th
-from learners import learner, update
 
+from helpers.learners import learner, update
 from ogmp_sb3.trainer import set_state, state
 
 

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 import torch as th
 import yaml
-from programs import SMALL, program
 from safetensors.torch import load_file
 
+from helpers.paths import ROOT
+from helpers.programs import SMALL, program
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.catalogue import PACKAGE, task_path
 from ogmp_sb3.config.load import task_from_data
@@ -109,7 +110,7 @@ def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path) -> None:
 
 def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
     """benchmarks/kill_training.py, which is to be run with more kills now and then."""
-    script = Path(__file__).parents[1] / "benchmarks" / "kill_training.py"
+    script = ROOT / "benchmarks" / "kill_training.py"
     command = [sys.executable, script, "kills=2", "samples=1024", "seed=1", f"out={tmp_path / 'kills'}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from programs import SMALL, program
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
+from helpers.programs import SMALL, program
 from ogmp_sb3 import env as env_module
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
 from ogmp_sb3.config.catalogue import TASKS_DIR

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from players import flat, still_player
 
+from helpers.players import flat, still_player
 from ogmp_sb3 import video
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.frame import Frame

@@ -4,8 +4,8 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
-from views import make_view
 
+from helpers.views import make_view
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.srb import STATE_SIZE
 from ogmp_sb3.view import deviation

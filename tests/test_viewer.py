@@ -18,9 +18,9 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from players import flat, still_player
-from programs import program
 
+from helpers.players import flat, still_player
+from helpers.programs import program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.player import Player
 from ogmp_sb3.viewer import PLOT_EVERY, Viewer

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 import ogmp_sb3
+from helpers.paths import ROOT
 
 PACKAGE = Path(ogmp_sb3.__file__).parent
-ROOT = Path(__file__).parents[1]
 
 ORDER = ("config", "guidance", "env", "rendering", "sb3", "runs", "evaluation", "report", "commands")
 """The packages from left to right. Each imports from its left and, without cycles, from itself."""

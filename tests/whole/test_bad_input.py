@@ -14,7 +14,8 @@ import pytest
 import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from mutations import (
+
+from helpers.mutations import (
     JUNK,
     KEYS,
     KNOWN,
@@ -29,8 +30,7 @@ from mutations import (
     renumbered,
     works_or_says_why,
 )
-from programs import SMALL, program
-
+from helpers.programs import SMALL, program
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.env import BatchEnv
@@ -172,7 +172,7 @@ def door(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 RIGHT = {
     "train": ["task=dive", "rho=0.3", "seed=1", "total_timesteps=64", "task.modes.flip.h=[1.0,1.2]", "ppo.gamma=0.9",
               "hydra.run.dir=run", *SMALL],
-    "evaluate": ["run=parkour", "episodes=3", "seed=1", "protocol=endless", "max_distance=5", "scene=faster",
+    "eval": ["run=parkour", "episodes=3", "seed=1", "protocol=endless", "max_distance=5", "scene=faster",
                  "oracle=lqr", "out=out"],
     "play": ["task=dive", "seed=1", "port=0", "seconds=1.0", "rho=0.3"],
     "encode": ["task=dive", "references=3", "updates=3", "seed=1", "out=out"],

@@ -26,12 +26,12 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
-from programs import SMALL, Result, program
 
+from helpers.paths import ROOT
+from helpers.programs import SMALL, Result, program
 from ogmp_sb3.config import plugins
 from ogmp_sb3.opengl import gl_library
 
-ROOT = Path(__file__).parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
 PAGES = sorted(TUTORIALS.glob("*.md"))
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -114,7 +114,7 @@ def run(words: list[str], folder: Path, install: Install) -> Result:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         return Result(done.returncode, done.stdout, done.stderr)
     name = name.removeprefix("ogmp-")
-    return program({"eval": "evaluate"}.get(name, name), *smaller(name, given), cwd=folder)
+    return program(name, *smaller(name, given), cwd=folder)
 
 
 def check_console(text: str, folder: Path, install: Install) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 
+from helpers.mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.catalogue import task_names, task_path
 from ogmp_sb3.config.robot import INPUT_NAMES

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
-from mutations import SHIPPED, misspelt, mutated, nodes, parent
 
+from helpers.mutations import SHIPPED, misspelt, mutated, nodes, parent
 from ogmp_sb3 import check
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import TASKS_DIR

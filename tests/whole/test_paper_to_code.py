@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import configparser
 import importlib
 import inspect
 import re
 import shlex
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_module
 
+from helpers.paths import ROOT
+from helpers.programs import script
 from ogmp_sb3 import cli, train
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.scenes import task_for_test
@@ -22,7 +22,6 @@ from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.grid import read_grid
 from ogmp_sb3.halving import VALUES
 
-ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "paper-to-code.md").read_text(encoding="utf-8")
 ROLES = sorted(set(re.findall(r"\{py:(\w+)\}`~?([\w.]+)`", TEXT)))
 NAMES = sorted(set(re.findall(r"(?<!\})`(ogmp_sb3(?:\.\w+)+)`", TEXT)))
@@ -47,11 +46,7 @@ def named(name: str) -> Any:
 
 
 def module_of(program: str) -> ModuleType:
-    setup = configparser.ConfigParser()
-    setup.read(ROOT / "setup.cfg", encoding="utf-8")
-    scripts = setup["options.entry_points"]["console_scripts"].splitlines()
-    targets = dict(re.split(r"\s*=\s*", line) for line in scripts if line)
-    return importlib.import_module(targets[program].partition(":")[0])
+    return importlib.import_module(script(program))
 
 
 @pytest.mark.parametrize(("kind", "name"), ROLES)

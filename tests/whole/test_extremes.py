@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import program
 
+from helpers.paths import ROOT
+from helpers.programs import program
 from ogmp_sb3 import load_task
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
 from ogmp_sb3.env import BatchEnv, StepResult
@@ -114,7 +115,7 @@ def test_what_is_allowed_but_extreme_does_what_the_documentation_says(
 
 
 def test_every_extreme_of_the_documentation_is_tested_and_the_other_way_round() -> None:
-    text = (Path(__file__).parents[1] / "docs" / "task-file.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "task-file.md").read_text(encoding="utf-8")
     section = text.partition("## Extreme values")[2].partition("\n## ")[0]
     rows = [line.split("|")[1].replace("`", "").strip() for line in section.splitlines() if line.startswith("| ")][1:]
     documented = [value for row in rows for value in row.split(", ")]
@@ -167,12 +168,12 @@ def test_what_is_beyond_is_refused_in_one_sentence(overrides: dict[str, Any], se
 @pytest.mark.parametrize(
     ("name", "arguments", "sentence"),
     [
-        ("evaluate", ["run=parkour", "episodes=0"], "'episodes' must be at least 1, found 0."),
-        ("evaluate", ["run=parkour", "max_distance=nan"], "'max_distance' must be a number, found the text 'nan'."),
-        ("evaluate", ["run=parkour", "max_distance=.nan"], "'max_distance' must be finite, found nan."),
-        ("evaluate", ["run=parkour", "seed=-1"], "'seed' must be at least 0, found -1."),
-        ("evaluate", ["run=parkour", "grid=jump.w:nan:1:3,jump.h"], "needs 0 <= low < high and 1 to 100 cells."),
-        ("evaluate", ["run=parkour", "grid=jump.w:0.1:1:1000000000,jump.h"], "and 1 to 100 cells."),
+        ("eval", ["run=parkour", "episodes=0"], "'episodes' must be at least 1, found 0."),
+        ("eval", ["run=parkour", "max_distance=nan"], "'max_distance' must be a number, found the text 'nan'."),
+        ("eval", ["run=parkour", "max_distance=.nan"], "'max_distance' must be finite, found nan."),
+        ("eval", ["run=parkour", "seed=-1"], "'seed' must be at least 0, found -1."),
+        ("eval", ["run=parkour", "grid=jump.w:nan:1:3,jump.h"], "needs 0 <= low < high and 1 to 100 cells."),
+        ("eval", ["run=parkour", "grid=jump.w:0.1:1:1000000000,jump.h"], "and 1 to 100 cells."),
         ("play", ["task=dive", "seconds=1e13"], "'seconds' is too large"),
         ("train", ["task=dive", "seed=-1"], "'seed' must be at least 0, found -1."),
         (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import configparser
 import csv
 import importlib
 import io
@@ -11,7 +12,18 @@ from pathlib import Path
 
 import pytest
 
+from helpers.paths import ROOT
+
 SMALL = ["num_envs=8", "ppo.n_steps=16", "ppo.batch_size=64", "ppo.n_epochs=2", "torch_threads=1", "physics_threads=1"]
+
+
+def script(name: str) -> str:
+    """The module behind a console script."""
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    lines = setup["options.entry_points"]["console_scripts"].split("\n")
+    targets = dict(line.replace(" ", "").split("=") for line in lines if line)
+    return targets[name].partition(":")[0]
 
 
 @dataclass
@@ -29,7 +41,7 @@ def program(name: str, *arguments: str, cwd: Path) -> Result:
         patch.chdir(cwd)
         patch.setattr("sys.argv", [f"ogmp-{name}", *arguments])
         try:
-            importlib.import_module(f"ogmp_sb3.{name}").main()
+            importlib.import_module(script(f"ogmp-{name}")).main()
         except SystemExit as stop:
             code = int(stop.code or 0)
     return Result(code, out.getvalue(), err.getvalue())

@@ -1,14 +1,13 @@
 """Tests of the registry: names, signatures as schemas, and messages that say what is allowed."""
 
-from pathlib import Path
-
 import pytest
 
+from helpers.paths import ROOT
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.registry import NameTaken, Registry
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
 ALL = {
     "mode": registry.modes,
     "oracle": registry.oracles,

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 import yaml
-from mistakes import MISSING, ROBOT, SHIPPED, put, write
 
+from helpers.mistakes import MISSING, ROBOT, SHIPPED, put, write
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig

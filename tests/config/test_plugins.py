@@ -22,6 +22,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 import ogmp_sb3
+from helpers.paths import ROOT
 from ogmp_sb3.config import plugins, registry
 from ogmp_sb3.config.catalogue import task_names, task_path
 from ogmp_sb3.config.editor_schema import task_schema
@@ -38,7 +39,7 @@ from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.sim import build_model
 from ogmp_sb3.srb import POS, VEL
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "ogmp_pup"
+EXAMPLE = ROOT / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")
 SKIP = """
 from ogmp_sb3.modes import Segment, Span
@@ -338,7 +339,7 @@ small = "num_envs=8 ppo.n_steps=16 ppo.batch_size=64 torch_threads=1 physics_thr
 for program, arguments in (
     ("check", ["task=hurdles"]),
     ("train", ["task=hurdles", "oracle=fade", "total_timesteps=256", *small]),
-    ("evaluate", ["run=run", "episodes=2", "evaluation.episode_steps=10"]),
+    ("eval", ["run=run", "episodes=2", "evaluation.episode_steps=10"]),
     ("encode", ["task=hurdles", "references=10", "updates=10"]),
     ("export", ["run=run", "out=exported"]),
 ):

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from helpers.paths import ROOT
 from ogmp_sb3 import load_task
 from ogmp_sb3.course import KEEP_BEHIND, REACH, Course
 from ogmp_sb3.env import BatchEnv
@@ -144,7 +144,7 @@ def test_a_wide_gap_keeps_its_apex_wherever_it_is() -> None:
 
 
 def test_memory_and_files_do_not_grow_with_steps_and_resets() -> None:
-    path = Path(__file__).parents[1] / "benchmarks" / "long_haul.py"
+    path = ROOT / "benchmarks" / "long_haul.py"
     spec = importlib.util.spec_from_file_location("long_haul", path)
     assert spec is not None and spec.loader is not None
     long_haul = importlib.util.module_from_spec(spec)

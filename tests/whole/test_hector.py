@@ -1,7 +1,6 @@
 """The robot in `robots/hector`: its numbers, its mechanics and its contact sensors, without the simulator."""
 
 from itertools import combinations
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -9,7 +8,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-HECTOR = Path(__file__).parents[1] / "robots" / "hector"
+from helpers.paths import ROOT
+
+HECTOR = ROOT / "robots" / "hector"
 GRAVITY = 9.81  # m/s²
 TOTAL_MASS = 14.046  # kg
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from programs import SMALL
 
+from helpers.programs import SMALL
 from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.catalogue import ROBOTS_DIR, TASKS_DIR
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 
+from helpers.mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.ranges import Range

@@ -26,10 +26,11 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize, V
 from stable_baselines3.common.vec_env.base_vec_env import tile_images
 
 import ogmp_sb3
+from helpers.paths import ROOT
 from ogmp_sb3 import OgmpEnv, RecurrentPPO, zoo
 from ogmp_sb3.recipe import default_ppo
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
 PARKOUR = "ogmp_sb3:OGMP/Parkour-v0"
 SMALL: dict[str, Any] = {"n_steps": 32, "batch_size": 64, "n_epochs": 1, "seed": 0, "device": "cpu"}
 NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from batches import OPEN, SEED, TASKS, last, put_upright, with_levels
 
+from helpers.batches import OPEN, SEED, TASKS, last, put_upright, with_levels
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env import BatchEnv
 
