@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 # Importing these modules registers what a task file can name.
-from ogmp_sb3 import metrics, modes, observations, oracles, rewards, terminations  # noqa: F401
+from ogmp_sb3 import metrics, observations, rewards, terminations  # noqa: F401
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.guidance import modes, oracles  # noqa: F401
 from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.guidance.terrain import geom_boxes
 from ogmp_sb3.sim import Simulation, build_model
-from ogmp_sb3.terrain import geom_boxes
 
 REFERENCE_DT = 0.0005  # s
 COMPARED_DT = (0.001, 0.002, 0.003, 0.005)  # s

@@ -19,7 +19,7 @@ from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.files import fresh, put_in_place, remove
-from ogmp_sb3.latent import copy_encoder
+from ogmp_sb3.guidance.latent import copy_encoder
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
 from ogmp_sb3.trainer import set_state, state

@@ -12,8 +12,14 @@ from torch.utils.tensorboard import SummaryWriter
 from ogmp_sb3 import cli
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.encoder import fit, nearest_mode_accuracy, reconstruction_error, reference_data, save_encoder
-from ogmp_sb3.latent import load_encoder
+from ogmp_sb3.guidance.encoder_training import (
+    fit,
+    nearest_mode_accuracy,
+    reconstruction_error,
+    reference_data,
+    save_encoder,
+)
+from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.plotting import plot_latents
 from ogmp_sb3.recipe import versions

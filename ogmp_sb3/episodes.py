@@ -13,8 +13,8 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import UNSTABLE, BatchEnv
 from ogmp_sb3.grid import cell_task
+from ogmp_sb3.guidance.srb import POS, VEL
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
-from ogmp_sb3.srb import POS, VEL
 from ogmp_sb3.view import EnvView
 
 MAX_DISTANCE = "max_distance"

@@ -18,8 +18,8 @@ from ogmp_sb3.agent import Policy
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import TIME_LIMIT, BatchEnv, StepResult
 from ogmp_sb3.episodes import BATCH, play_batch
-from ogmp_sb3.plans import Plans, make_oracle
-from ogmp_sb3.reference import Reference, SetPoints
+from ogmp_sb3.guidance.plans import Plans, make_oracle
+from ogmp_sb3.guidance.set_points import Reference, SetPoints
 from ogmp_sb3.view import EnvView, deviation
 
 PERCENTILES = (50.0, 95.0, 100.0)

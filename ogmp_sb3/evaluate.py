@@ -14,10 +14,10 @@ from ogmp_sb3 import cli
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.course import extent
 from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import Grid, read_grid
+from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.loading import LoadedPolicy, load_policy
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import Summary, as_text

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.terrain import NOTHING, TOP, X0, X1, Y0, Y1
+from ogmp_sb3.guidance.terrain import NOTHING, TOP, X0, X1, Y0, Y1
 
 Colour = tuple[int, int, int]
 
@@ -33,7 +33,7 @@ class Scene:
     trail: np.ndarray
     """positions of the base in the oracle's present plan, shape (knots + 1, 3), m"""
     terrain: np.ndarray
-    """boxes laid so far, those far behind left out, shape (boxes, 5); see :mod:`ogmp_sb3.terrain`"""
+    """boxes laid so far, those far behind left out, shape (boxes, 5); see :mod:`ogmp_sb3.guidance.terrain`"""
 
 
 @dataclass(frozen=True, kw_only=True)

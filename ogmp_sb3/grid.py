@@ -12,7 +12,7 @@ from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.strict import GREATEST
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.course import extent
+from ogmp_sb3.guidance.course import extent
 
 CELLS = 8  # along an axis, if not given: two on either side of the training range, four in it
 MAX_CELLS = 100  # along an axis

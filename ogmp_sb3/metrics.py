@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 
 from ogmp_sb3.config.registry import metrics, objectives
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.rotations import quat_conjugate, quat_multiply, quat_rotate
-from ogmp_sb3.srb import GRAVITY
+from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate
+from ogmp_sb3.guidance.srb import GRAVITY
 
 Summary = dict[str, Any]  # of :func:`summarise`
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ogmp_sb3.config.registry import observations
-from ogmp_sb3.terrain import height_at, scan_points
+from ogmp_sb3.guidance.terrain import height_at, scan_points
 from ogmp_sb3.view import EnvView
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite

@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from ogmp_sb3.latent import FEATURES, LATENT_SIZE, LatentEncoder
+from ogmp_sb3.guidance.latent import FEATURES, LATENT_SIZE, LatentEncoder
 
 Shape = tuple[int | str, ...]
 
@@ -134,7 +134,7 @@ def actor_model(policy: Any) -> onnx.ModelProto:
 def encoder_model(encoder: LatentEncoder) -> onnx.ModelProto:
     """The encoder of a reference, its normaliser included.
 
-    Input ``features`` (knots, 13), of :func:`~ogmp_sb3.latent.reference_features`; output ``latent`` (1, 2).
+    Input ``features`` (knots, 13), of :func:`~ogmp_sb3.guidance.latent.reference_features`; output ``latent`` (1, 2).
     """
     first, second = (tuple(w.T for w in encoder.weights[k : k + 3]) for k in (0, 3))
     graph = _Graph()

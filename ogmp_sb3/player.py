@@ -12,9 +12,9 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.drawing import scene_of
 from ogmp_sb3.env import BatchEnv
 from ogmp_sb3.frame import Frame
-from ogmp_sb3.rotations import quat_rotate_inverse
-from ogmp_sb3.sampling import ModeCall, draw_parameters
-from ogmp_sb3.srb import OMEGA, POS, VEL
+from ogmp_sb3.guidance.rotations import quat_rotate_inverse
+from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
+from ogmp_sb3.guidance.srb import OMEGA, POS, VEL
 from ogmp_sb3.view import EnvView
 
 ENDLESS = 10**9  # control steps

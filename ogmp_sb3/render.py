@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.frame import GHOST_COLOUR, MARK_COLOUR, ground_colours, ground_marks
-from ogmp_sb3.terrain import geom_boxes
+from ogmp_sb3.guidance.terrain import geom_boxes
 
 GHOST_ALPHA = 0.25
 CAMERA_AZIMUTH, CAMERA_ELEVATION, CAMERA_DISTANCE = 106.0, -18.0, 2.1  # degrees, degrees, m

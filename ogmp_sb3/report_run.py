@@ -11,10 +11,10 @@ import numpy as np
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.course import standing_still
-from ogmp_sb3.encoder import reference_data
 from ogmp_sb3.grid import default_grids
-from ogmp_sb3.latent import load_encoder
+from ogmp_sb3.guidance.course import standing_still
+from ogmp_sb3.guidance.encoder_training import reference_data
+from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.logs import STEP_COLUMN, progress_bar
 from ogmp_sb3.metrics import as_text
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv

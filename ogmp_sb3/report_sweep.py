@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.course import standing_deviation, standing_still
+from ogmp_sb3.guidance.course import standing_deviation, standing_still
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import highest_objective

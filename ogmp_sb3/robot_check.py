@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.robot import SRB, RobotConfig
-from ogmp_sb3.rotations import quat_rotate
+from ogmp_sb3.guidance.rotations import quat_rotate
 from ogmp_sb3.sim import Simulation
 
 INTERVAL = 0.01  # s, about, between two looks at what touches the ground

@@ -8,7 +8,7 @@ from mujoco.batch import Batch, SimulationError
 
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.robot import RobotConfig
-from ogmp_sb3.terrain import NOTHING, geom_boxes
+from ogmp_sb3.guidance.terrain import NOTHING, geom_boxes
 
 TERRAIN_FRICTION = (1.0, 0.005, 0.0001)  # sliding, torsional, rolling: MuJoCo's defaults
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ogmp_sb3.config.registry import terminations
-from ogmp_sb3.terrain import NOTHING
+from ogmp_sb3.guidance.terrain import NOTHING
 from ogmp_sb3.view import EnvView
 
 

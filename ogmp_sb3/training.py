@@ -22,7 +22,7 @@ from ogmp_sb3.config.strict import read, write_yaml
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.files import alone, reason
-from ogmp_sb3.latent import changed_file, copy_encoder
+from ogmp_sb3.guidance.latent import changed_file, copy_encoder
 from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions

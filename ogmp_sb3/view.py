@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from ogmp_sb3.rotations import wrap_angle
-from ogmp_sb3.srb import RPY, STATE_SIZE
+from ogmp_sb3.guidance.rotations import wrap_angle
+from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class EnvView:
     body_contact: np.ndarray
     """whether anything but a foot touches the terrain, shape (num_envs,), bool"""
     terrain: np.ndarray
-    """boxes, shape (num_envs, boxes, 5); see :mod:`ogmp_sb3.terrain`"""
+    """boxes, shape (num_envs, boxes, 5); see :mod:`ogmp_sb3.guidance.terrain`"""
     ground_height: np.ndarray
     """terrain under the base, shape (num_envs,), m"""
     state: np.ndarray

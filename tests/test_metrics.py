@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from helpers.records import DIRECTIONS, STEPS, ramp, record, turn
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.guidance.modes import FLIP_SPEED, flip
 from ogmp_sb3.metrics import (
     UPRIGHT_STEPS,
     EpisodeRecord,
@@ -18,7 +19,6 @@ from ogmp_sb3.metrics import (
     summarise,
     track_displacement,
 )
-from ogmp_sb3.modes import FLIP_SPEED, flip
 
 
 def metric(name: str, record: EpisodeRecord) -> float:

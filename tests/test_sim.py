@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_robot
+from ogmp_sb3.guidance.terrain import empty_terrain
 from ogmp_sb3.sim import VISUAL_GROUP, Simulation, build_model
-from ogmp_sb3.terrain import empty_terrain
 
 HECTOR = load_robot("hector")
 PHYSICS_DT = 0.002  # s

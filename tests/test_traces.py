@@ -9,8 +9,8 @@ import pytest
 
 from helpers.records import record
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.guidance.terrain import height_at
 from ogmp_sb3.plotting import CAUSE_COLOURS, MODE_COLOURS, colours_of
-from ogmp_sb3.terrain import height_at
 from ogmp_sb3.traces import Ground, ground_rows, make_trace, trace_rows
 
 STEPS = 7

@@ -31,18 +31,18 @@ from ogmp_sb3.config.plugins import NameTaken
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.modes import Contact
-from ogmp_sb3.oracles import Plant
+from ogmp_sb3.guidance.modes import Contact
+from ogmp_sb3.guidance.oracles import Plant
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.set_points import SetPoints
+from ogmp_sb3.guidance.srb import POS, VEL
 from ogmp_sb3.recipe import versions
-from ogmp_sb3.reference import SetPoints
-from ogmp_sb3.sampling import ModeCall
 from ogmp_sb3.sim import build_model
-from ogmp_sb3.srb import POS, VEL
 
 EXAMPLE = ROOT / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")
 SKIP = """
-from ogmp_sb3.modes import Segment, Span
+from ogmp_sb3.guidance.modes import Segment, Span
 from ogmp_sb3.config.registry import modes
 
 @modes.register()
@@ -193,7 +193,10 @@ def test_an_entry_point_must_name_a_module(install: Install, tmp_path: Path, ent
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({"__init__.py": SKIP.format(name="jump")}, "mode 'jump' of plug_b is registered already, by ogmp_sb3.modes"),
+        (
+            {"__init__.py": SKIP.format(name="jump")},
+            "mode 'jump' of plug_b is registered already, by ogmp_sb3.guidance.modes",
+        ),
         ({"__init__.py": SKIP.format(name="skip")}, "mode 'skip' of plug_b is registered already, by plug_a"),
         ({"__init__.py": "", "tasks/dive.yaml": STAIRS}, r"plug_b/tasks/dive\.yaml .* of .*ogmp_sb3/tasks/dive"),
         ({"__init__.py": "", "tasks/skipping.yaml": ""}, r"plug_b/tasks/skipping\.yaml .* of .*plug_a/tasks"),

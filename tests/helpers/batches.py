@@ -9,7 +9,7 @@ from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import BatchEnv, StepResult
-from ogmp_sb3.terrain import height_at
+from ogmp_sb3.guidance.terrain import height_at
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 ON_TRACK = [name for name in TASKS if load_task(name).horizon is not None]

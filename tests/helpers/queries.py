@@ -10,10 +10,10 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.oracles import ORIENTATION_STEP, Plant
-from ogmp_sb3.reference import END, Reference, SetPoints, set_points, span_array, span_row
-from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import POS, RPY, STATE_SIZE, SRBDynamics, srb_dynamics
+from ogmp_sb3.guidance.oracles import ORIENTATION_STEP, Plant
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.set_points import END, Reference, SetPoints, set_points, span_array, span_row
+from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE, SRBDynamics, srb_dynamics
 
 NAMES = ["linear", "lqr", "preview"]
 TASKS = {

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.rotations import quat_rotate_inverse
-from ogmp_sb3.srb import STATE_SIZE
-from ogmp_sb3.terrain import empty_terrain
+from ogmp_sb3.guidance.rotations import quat_rotate_inverse
+from ogmp_sb3.guidance.srb import STATE_SIZE
+from ogmp_sb3.guidance.terrain import empty_terrain
 from ogmp_sb3.view import EnvView
 
 

@@ -15,11 +15,11 @@ import pytest
 
 from helpers.paths import ROOT
 from ogmp_sb3 import load_task
-from ogmp_sb3.course import KEEP_BEHIND, REACH, Course
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.reference import APEX, END, FOREVER
-from ogmp_sb3.srb import GRAVITY, POS
-from ogmp_sb3.terrain import NOTHING, TOP, X0, X1, height_at
+from ogmp_sb3.guidance.course import KEEP_BEHIND, REACH, Course
+from ogmp_sb3.guidance.set_points import APEX, END, FOREVER
+from ogmp_sb3.guidance.srb import GRAVITY, POS
+from ogmp_sb3.guidance.terrain import NOTHING, TOP, X0, X1, height_at
 
 FAR = 10_000.0  # m
 EXACT = 1e-9  # m: of what is computed from the place along the track

@@ -25,7 +25,7 @@ ORDER = ("config", "guidance", "env", "rendering", "sb3", "runs", "evaluation", 
 NEED_EXTRAS = {"onnx_models", "controller"}  # of no use without
 
 SOLE_IMPORTERS = {
-    "control": {"riccati"},
+    "control": {"guidance.riccati"},
     "matplotlib": {"plotting", "plotting_training"},
     "mujoco.batch": {"sim"},
     "hydra": {"commands.train", "runs.multirun", "runs", "train", "overrides", "failures"},

@@ -1,9 +1,9 @@
 """A mode of our own."""
 
 from ogmp_sb3.config.registry import modes
-from ogmp_sb3.modes import Contact, Segment, Span
-from ogmp_sb3.srb import GRAVITY
-from ogmp_sb3.terrain import Plateau
+from ogmp_sb3.guidance.modes import Contact, Segment, Span
+from ogmp_sb3.guidance.srb import GRAVITY
+from ogmp_sb3.guidance.terrain import Plateau
 
 BAR = 0.04  # m: length of a bar along the track
 FLIGHT = 0.40  # m along the track: pup's wheelbase of 0.30 m and the bar, with 3 cm to spare before and behind

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ogmp_sb3.config.registry import oracles
-from ogmp_sb3.oracles import Plant
-from ogmp_sb3.reference import Reference, SetPoints
-from ogmp_sb3.srb import POS, VEL
+from ogmp_sb3.guidance.oracles import Plant
+from ogmp_sb3.guidance.set_points import Reference, SetPoints
+from ogmp_sb3.guidance.srb import POS, VEL
 
 
 @oracles.register()

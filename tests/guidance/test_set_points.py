@@ -5,8 +5,9 @@ import pytest
 
 from helpers import queries
 from ogmp_sb3.config.task import GaitConfig
-from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
-from ogmp_sb3.reference import (
+from ogmp_sb3.guidance.modes import BLOCK_LEAD, BLOCK_TAIL, Contact
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.set_points import (
     CONTACT,
     END,
     FOREVER,
@@ -17,8 +18,7 @@ from ogmp_sb3.reference import (
     span_array,
     span_row,
 )
-from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
+from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
 
 DT = 0.03  # s
 GAIT = GaitConfig(height=0.55, cycle=0.25)

@@ -14,11 +14,11 @@ from safetensors.torch import save_file
 from torch import nn
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.latent import FEATURES, FORMAT, LATENT_SIZE, reference_features
-from ogmp_sb3.plans import make_oracle
-from ogmp_sb3.reference import set_points, span_array, span_row
-from ogmp_sb3.sampling import ModeCall, draw_parameters
-from ogmp_sb3.srb import POS, STATE_SIZE, VEL
+from ogmp_sb3.guidance.latent import FEATURES, FORMAT, LATENT_SIZE, reference_features
+from ogmp_sb3.guidance.plans import make_oracle
+from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
+from ogmp_sb3.guidance.set_points import set_points, span_array, span_row
+from ogmp_sb3.guidance.srb import POS, STATE_SIZE, VEL
 
 HIDDEN = 32
 BATCH = 64

@@ -1,8 +1,8 @@
 """Oracles: from set-points and the robot's present state to a reference (paper, eq:oracle_def).
 
 ``linear`` interpolates and knows no dynamics. ``lqr`` and ``preview`` forward-simulate the single rigid body of
-:mod:`ogmp_sb3.srb` under the input of a quadratic tracker whose reference is the set-points; in flight the input
-is zero. Only ``preview`` sees what is coming. An oracle knows no mode.
+:mod:`ogmp_sb3.guidance.srb` under the input of a quadratic tracker whose reference is the set-points; in flight the
+input is zero. Only ``preview`` sees what is coming. An oracle knows no mode.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, SRB, STATE_NAMES
-from ogmp_sb3.reference import Reference, SetPoints
-from ogmp_sb3.riccati import tracking_gains
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
+from ogmp_sb3.guidance.riccati import tracking_gains
+from ogmp_sb3.guidance.set_points import Reference, SetPoints
+from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
 
 Oracle = Callable[[SetPoints, np.ndarray], Reference]
 
@@ -139,7 +139,7 @@ def _freeze(weights: dict[str, float]) -> tuple[tuple[str, float], ...]:
 def stationary_gains(
     plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float, mean_rpy: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Feedback of 12 inputs and cost of one contact segment (:func:`~ogmp_sb3.riccati.tracking_gains`).
+    """Feedback of 12 inputs and cost of one contact segment (:func:`~ogmp_sb3.guidance.riccati.tracking_gains`).
 
     The model has two feet. A robot with n spreads the same total over n, as two feet of 2/n times the weight would.
     """

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from ogmp_sb3.config.robot import SRB
-from ogmp_sb3.rotations import rpy_rate_matrix, rpy_to_matrix
+from ogmp_sb3.guidance.rotations import rpy_rate_matrix, rpy_to_matrix
 
 GRAVITY = 9.81  # m/s^2
 STATE_SIZE = 12

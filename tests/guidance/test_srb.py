@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ogmp_sb3.config.robot import SRB, STATE_NAMES
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_dynamics
+from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_dynamics
 
 BODY = SRB(mass=14.0, inertia=(0.37, 0.33, 0.13))
 DT = 0.03  # s

@@ -12,8 +12,8 @@ from enum import IntEnum
 from typing import Literal
 
 from ogmp_sb3.config.registry import modes
-from ogmp_sb3.srb import GRAVITY
-from ogmp_sb3.terrain import Plateau
+from ogmp_sb3.guidance.srb import GRAVITY
+from ogmp_sb3.guidance.terrain import Plateau
 
 Direction = Literal["front", "back", "left", "right"]
 

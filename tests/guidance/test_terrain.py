@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ogmp_sb3.terrain import (
+from ogmp_sb3.guidance.terrain import (
     BOX_DEPTH,
     NOTHING,
     TOP,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3 import rotations
+from ogmp_sb3.guidance import rotations
 
 SHAPES = [(), (5,), (3, 4)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.srb import SRBDynamics
+from ogmp_sb3.guidance.srb import SRBDynamics
 
 
 def tracking_gains(dynamics: SRBDynamics, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

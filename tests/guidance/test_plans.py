@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.course import Course
-from ogmp_sb3.plans import Plans
-from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.srb import POS, RPY, STATE_SIZE
+from ogmp_sb3.guidance.course import Course
+from ogmp_sb3.guidance.plans import Plans
+from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
 ENVS = 3
 HORIZON = 5

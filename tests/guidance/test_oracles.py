@@ -23,9 +23,9 @@ from helpers.queries import (
     tracking_cost,
 )
 from ogmp_sb3.config.robot import STATE_NAMES
-from ogmp_sb3.reference import SetPoints, set_points
-from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.set_points import SetPoints, set_points
+from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
 
 # ---- all oracles ----
 

@@ -10,9 +10,9 @@ import pytest
 from helpers.queries import Z, models, query, weights
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
-from ogmp_sb3.oracles import input_weights, state_weights, stationary_gains
-from ogmp_sb3.sampling import ModeCall
-from ogmp_sb3.srb import GRAVITY, STATE_SIZE, srb_dynamics
+from ogmp_sb3.guidance.oracles import input_weights, state_weights, stationary_gains
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.srb import GRAVITY, STATE_SIZE, srb_dynamics
 
 
 def test_states_without_a_weight_weigh_eps():

@@ -9,8 +9,9 @@ import pytest
 import torch as th
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3 import encoder, latent
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.guidance import encoder_training as encoder
+from ogmp_sb3.guidance import latent
 
 PARKOUR = load_task("parkour")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.robot import SRB
-from ogmp_sb3.riccati import tracking_gains
-from ogmp_sb3.srb import srb_dynamics
+from ogmp_sb3.guidance.riccati import tracking_gains
+from ogmp_sb3.guidance.srb import srb_dynamics
 
 BODY = SRB(mass=14.0, inertia=(0.37, 0.33, 0.13))
 ORIENTATIONS = [(0.0, 0.0, 0.0), (0.0, 2.5, 0.0), (0.4, -0.3, 0.9)]  # rad

@@ -1,6 +1,6 @@
 """Set-points and references, both batched, one knot per control step.
 
-Knot ``k`` is the target after ``k`` control steps. States are those of :mod:`ogmp_sb3.srb`.
+Knot ``k`` is the target after ``k`` control steps. States are those of :mod:`ogmp_sb3.guidance.srb`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numba
 import numpy as np
 
 from ogmp_sb3.config.task import GaitConfig
-from ogmp_sb3.modes import Contact, Span
-from ogmp_sb3.srb import GRAVITY, OMEGA, POS, STATE_SIZE, VEL
+from ogmp_sb3.guidance.modes import Contact, Span
+from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, STATE_SIZE, VEL
 
 # Columns of a span array: spans of many environments as numbers.
 END, VX, VY, GROUND0, GROUND1, CONTACT, APEX, WX0, WY0, WX1, WY1 = range(11)

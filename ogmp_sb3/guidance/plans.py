@@ -9,12 +9,12 @@ import numpy as np
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.course import Course
-from ogmp_sb3.latent import LATENT_SIZE, task_encoder
-from ogmp_sb3.oracles import Oracle, Plant
-from ogmp_sb3.reference import Reference, SetPoints, set_points
-from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.srb import RPY, STATE_SIZE
+from ogmp_sb3.guidance.course import Course
+from ogmp_sb3.guidance.latent import LATENT_SIZE, task_encoder
+from ogmp_sb3.guidance.oracles import Oracle, Plant
+from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points
+from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
 
 
 def make_oracle(task: TaskConfig) -> Oracle:

@@ -13,7 +13,7 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import modes
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import CurriculumConfig
-from ogmp_sb3.modes import Segment
+from ogmp_sb3.guidance.modes import Segment
 
 
 @dataclass(frozen=True)

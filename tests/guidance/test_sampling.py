@@ -8,8 +8,8 @@ import pytest
 
 from helpers.mistakes import SHIPPED, put, write
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.modes import jump
-from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.guidance.modes import jump
+from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments
 
 DRAWS = 4000
 PARKOUR = load_task("parkour", {"curriculum": None, "sampling.weights": {"pace": 1.0, "jump": 2.0, "leap": 5.0}})

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3.modes import BLOCK_LEAD, BLOCK_TAIL, FLIP_STANCE, Contact, flip, jump, leap, pace, settle
-from ogmp_sb3.srb import GRAVITY
+from ogmp_sb3.guidance.modes import BLOCK_LEAD, BLOCK_TAIL, FLIP_STANCE, Contact, flip, jump, leap, pace, settle
+from ogmp_sb3.guidance.srb import GRAVITY
 
 TRACK_MODES = {
     "pace": pace(v=0.7, length=0.9),

@@ -1,7 +1,7 @@
 """The mode latent: what a trained encoder makes of a reference (paper, sec. III-C: z = xi(x[t, t + dt])).
 
 Only inference, compiled, so that a handful of references at every control step costs next to nothing; the encoder
-is trained in :mod:`ogmp_sb3.encoder`.
+is trained in :mod:`ogmp_sb3.guidance.encoder_training`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from safetensors.numpy import load_file
 from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.rotations import rpy_to_quat
-from ogmp_sb3.srb import OMEGA, POS, RPY, VEL
+from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
 
 ENCODERS_DIR = PACKAGE / "encoders"
 LATENT_SIZE = 2

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ogmp_sb3.config.task import MAX_BOXES, TaskConfig
-from ogmp_sb3.modes import Segment
-from ogmp_sb3.reference import END, SPAN_SIZE, VX, append_spans, span_row
-from ogmp_sb3.sampling import ModeCall, ModeSampler, corner_segments
-from ogmp_sb3.terrain import Plateau, empty_terrain, place
+from ogmp_sb3.guidance.modes import Segment
+from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.guidance.set_points import END, SPAN_SIZE, VX, append_spans, span_row
+from ogmp_sb3.guidance.terrain import Plateau, empty_terrain, place
 
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
 KEEP_BEHIND = 0.8  # m: terrain behind the base that is kept

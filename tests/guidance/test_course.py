@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.course import Course, standing_deviation, standing_still
 from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.sampling import ModeCall
+from ogmp_sb3.guidance.course import Course, standing_deviation, standing_still
+from ogmp_sb3.guidance.sampling import ModeCall
 
 STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": None}, "curriculum": None}
 

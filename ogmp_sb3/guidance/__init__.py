@@ -1,0 +1,1 @@
+"""The method: modes say what should happen, oracles plan how. Nothing is simulated."""
