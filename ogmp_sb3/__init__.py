@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 # Importing these modules registers what a task file can name.
-from ogmp_sb3 import metrics, observations, rewards, terminations  # noqa: F401
+from ogmp_sb3 import metrics  # noqa: F401
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
 from ogmp_sb3.guidance import modes, oracles  # noqa: F401
 from ogmp_sb3.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
-    from ogmp_sb3.env import BatchEnv
+    from ogmp_sb3.env.batch_env import BatchEnv
     from ogmp_sb3.episodes import play_episodes
     from ogmp_sb3.learner import make_model
     from ogmp_sb3.loading import load_policy

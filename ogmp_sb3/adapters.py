@@ -16,9 +16,9 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.drawing import Pictures
-from ogmp_sb3.env import UNSTABLE, BatchEnv
-from ogmp_sb3.observations import CLIP
-from ogmp_sb3.unstable import capture
+from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
+from ogmp_sb3.env.failed_step import capture
+from ogmp_sb3.env.observations import CLIP
 
 RENDER_MODES = ("rgb_array",)
 
@@ -53,7 +53,7 @@ class OgmpVecEnv(VecEnv):
     ``TimeLimit.truncated`` and ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
     ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
     before an earlier fall is called ``restart`` instead. A simulation that fails ends its own episode as
-    ``unstable``, with the :class:`~ogmp_sb3.unstable.UnstableStep` in ``unstable``; the others go on.
+    ``unstable``, with the :class:`~ogmp_sb3.env.failed_step.UnstableStep` in ``unstable``; the others go on.
 
     :param task: the task
     :param num_envs: number of environments

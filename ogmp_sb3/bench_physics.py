@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.agent import Actor, Policy
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.guidance.terrain import geom_boxes
-from ogmp_sb3.sim import Simulation, build_model
 
 REFERENCE_DT = 0.0005  # s
 COMPARED_DT = (0.001, 0.002, 0.003, 0.005)  # s

@@ -16,9 +16,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.recipe import thread_count
-from ogmp_sb3.sim import Simulation
 
 Numbers = dict[str, float]
 

@@ -13,14 +13,14 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.frame import Scene, join_terrain
 from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.guidance.terrain import X1
 from ogmp_sb3.opengl import gl_library
 from ogmp_sb3.render import send
-from ogmp_sb3.sim import build_model
-from ogmp_sb3.view import EnvView
 
 CAMERA_TARGET = np.array([0.15, 0.0, -0.12])  # m from the base: the middle of a picture
 SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight

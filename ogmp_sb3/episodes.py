@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.agent import Actor, Policy
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import UNSTABLE, BatchEnv
+from ogmp_sb3.env.agent import Actor, Policy
+from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.grid import cell_task
 from ogmp_sb3.guidance.srb import POS, VEL
 from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
-from ogmp_sb3.view import EnvView
 
 MAX_DISTANCE = "max_distance"
 BATCH = 128  # episodes played together

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.agent import Policy
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import TIME_LIMIT, BatchEnv, StepResult
+from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.env.batch_env import TIME_LIMIT, BatchEnv, StepResult
+from ogmp_sb3.env.view import EnvView, deviation
 from ogmp_sb3.episodes import BATCH, play_batch
 from ogmp_sb3.guidance.plans import Plans, make_oracle
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
-from ogmp_sb3.view import EnvView, deviation
 
 PERCENTILES = (50.0, 95.0, 100.0)
 
@@ -68,7 +68,7 @@ class ShadowedEnv(BatchEnv):
         return view
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
-        """As in :class:`~ogmp_sb3.env.BatchEnv`; the deviations of the environments that are stepped are collected."""
+        """As in :class:`~ogmp_sb3.env.batch_env.BatchEnv`; deviations of what is stepped are collected."""
         x = self.sim.qpos[:, self.sim.base_qpos]
         every = range(self.num_envs) if rows is None else rows
         modes = {row: self.course.mode_at(row, float(x[row])).name for row in every}

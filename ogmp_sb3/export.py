@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ogmp_sb3 import cli
-from ogmp_sb3.agent import Actor
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.agent import Actor
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.observations import CLIP, Part
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import reference_features, task_encoder
 from ogmp_sb3.loading import LoadedPolicy, load_policy
-from ogmp_sb3.observations import CLIP, Part
 from ogmp_sb3.policy import Normaliser
 from ogmp_sb3.recipe import versions
 from ogmp_sb3.storage import checksum, save_json

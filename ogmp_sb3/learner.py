@@ -9,7 +9,7 @@ import numpy as np
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv
 
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.policy import policy_kwargs
 from ogmp_sb3.recipe import PPOConfig, default_ppo
 from ogmp_sb3.recurrent import RecurrentPPO

@@ -21,7 +21,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
-from ogmp_sb3 import unstable
+from ogmp_sb3.env import failed_step as unstable
 from ogmp_sb3.files import reason, replacing
 
 STEP_COLUMN = "time/total_timesteps"
@@ -222,7 +222,7 @@ class EpisodeStatistics(BaseCallback):
 class UnstableSteps(BaseCallback):
     """Counts the simulations that failed, and keeps the first of them to be replayed (``ogmp-check unstable=``).
 
-    :param folder: where to keep them, at most :data:`~ogmp_sb3.unstable.MOST`
+    :param folder: where to keep them, at most :data:`~ogmp_sb3.env.failed_step.MOST`
     :param seed: of environment 0
     :param info: plain data: the task and its file, the versions
     """

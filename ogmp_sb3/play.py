@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ogmp_sb3 import cli
-from ogmp_sb3.agent import Policy
 from ogmp_sb3.config.catalogue import task_path
 from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.env.agent import Policy
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.opengl import gl_library

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.rewards import highest_reward
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import progress_bar
@@ -17,7 +18,6 @@ from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, wr
 from ogmp_sb3.plotting import plot_terminations
 from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
-from ogmp_sb3.rewards import highest_reward
 from ogmp_sb3.runs import Run
 from ogmp_sb3.subject import Subject, rank_key
 from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown

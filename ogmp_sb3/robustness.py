@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.agent import Policy
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConfig
+from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.episodes import play_episodes
 from ogmp_sb3.metrics import Summary, no_fall_fraction, summarise
-from ogmp_sb3.sim import build_model
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
 LEAST = 0.05  # of factors and of friction

@@ -25,12 +25,12 @@ from ogmp_sb3.checkpoints import (
 )
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
+from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
 from ogmp_sb3.files import reason, remove, tidy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
 from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.trainer import check_numbers
-from ogmp_sb3.unstable import FOLDER as UNSTABLE
 
 Score = tuple[float, float]
 """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""

@@ -21,6 +21,7 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read, write_yaml
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
 from ogmp_sb3.files import alone, reason
 from ogmp_sb3.guidance.latent import changed_file, copy_encoder
 from ogmp_sb3.learner import make_model
@@ -28,7 +29,6 @@ from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_lo
 from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
 from ogmp_sb3.storage import load_json
-from ogmp_sb3.unstable import FOLDER as UNSTABLE
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 # What may change when a run goes on.

@@ -15,8 +15,8 @@ from helpers.programs import program
 from ogmp_sb3 import bench, bench_physics, bench_sim
 from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.sim import Simulation
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive"])

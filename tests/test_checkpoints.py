@@ -25,7 +25,7 @@ from ogmp_sb3.checkpoints import (
     save_checkpoint,
     try_checkpoint,
 )
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.loading import POLICIES_DIR, load_policy, policy_dir
 from ogmp_sb3.storage import MANIFEST, verify, write_manifest
 

@@ -13,7 +13,7 @@ from helpers.players import flat
 from ogmp_sb3.adapters import OgmpEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.drawing import HEIGHT, WIDTH, Painter, Pictures, scene_of
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 
 
 def still(env: BatchEnv, steps: int) -> None:

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.episodes import play_batch, play_episodes
 from ogmp_sb3.metrics import EpisodeRecord
 from ogmp_sb3.plotting import plot_traces

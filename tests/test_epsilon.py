@@ -14,7 +14,7 @@ from helpers.learners import make_policy
 from helpers.programs import program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.episodes import play_batch
 from ogmp_sb3.epsilon import ShadowedEnv, estimate_epsilon
 from ogmp_sb3.metrics import EpisodeRecord

@@ -17,9 +17,9 @@ from helpers.learners import make_policy
 from helpers.programs import program
 from ogmp_sb3 import export
 from ogmp_sb3.controller import Controller
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.loading import LoadedPolicy, load_policy
-from ogmp_sb3.observations import CLIP
 
 ALONE = """
 import json, sys

@@ -13,9 +13,9 @@ import pytest
 
 from ogmp_sb3 import stage
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.env.view import deviation
 from ogmp_sb3.guidance.srb import POS, STATE_SIZE
 from ogmp_sb3.player import Player
-from ogmp_sb3.view import deviation
 
 viser = pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 

@@ -62,7 +62,7 @@ def test_the_band_is_the_bound_over_the_weight_of_the_height() -> None:
 
 
 def test_the_ground_is_that_of_the_simulation() -> None:
-    from ogmp_sb3.env import BatchEnv
+    from ogmp_sb3.env.batch_env import BatchEnv
 
     env = BatchEnv(PARKOUR, seed=5)
     env.reset()

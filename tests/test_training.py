@@ -26,7 +26,7 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.recipe import TrainConfig

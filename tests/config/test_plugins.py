@@ -30,14 +30,14 @@ from ogmp_sb3.config.load import load_robot, load_task
 from ogmp_sb3.config.plugins import NameTaken
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.guidance.modes import Contact
 from ogmp_sb3.guidance.oracles import Plant
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import SetPoints
 from ogmp_sb3.guidance.srb import POS, VEL
 from ogmp_sb3.recipe import versions
-from ogmp_sb3.sim import build_model
 
 EXAMPLE = ROOT / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")

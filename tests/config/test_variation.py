@@ -5,7 +5,7 @@ import pytest
 
 from helpers.batches import OPEN, SEED, TASKS, last, put_upright, with_levels
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 
 
 def test_a_level_starts_at_zero_and_rises_by_a_step_after_an_episode_that_lasted() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.guidance.course import Course, standing_deviation, standing_still
 from ogmp_sb3.guidance.sampling import ModeCall
 

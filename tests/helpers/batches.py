@@ -8,7 +8,7 @@ import numpy as np
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.guidance.terrain import height_at
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
 from ogmp_sb3.guidance.srb import STATE_SIZE
 from ogmp_sb3.guidance.terrain import empty_terrain
-from ogmp_sb3.view import EnvView
 
 
 def make_view(num_envs: int = 3, **fields: Any) -> EnvView:

@@ -33,7 +33,7 @@ from helpers.mutations import (
 from helpers.programs import SMALL, program
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import task_from_data
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 
 FEWER = settings(max_examples=max(settings().max_examples // 4, 1))
 

@@ -13,7 +13,7 @@ from helpers.paths import ROOT
 from helpers.programs import program
 from ogmp_sb3 import load_task
 from ogmp_sb3.adapters import OgmpVecEnv, make_env
-from ogmp_sb3.env import BatchEnv, StepResult
+from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.guidance.terrain import NOTHING, height_at
 from ogmp_sb3.loading import load_policy
 

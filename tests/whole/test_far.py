@@ -15,7 +15,7 @@ import pytest
 
 from helpers.paths import ROOT
 from ogmp_sb3 import load_task
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.guidance.course import KEEP_BEHIND, REACH, Course
 from ogmp_sb3.guidance.set_points import APEX, END, FOREVER
 from ogmp_sb3.guidance.srb import GRAVITY, POS

@@ -27,7 +27,7 @@ NEED_EXTRAS = {"onnx_models", "controller"}  # of no use without
 SOLE_IMPORTERS = {
     "control": {"guidance.riccati"},
     "matplotlib": {"plotting", "plotting_training"},
-    "mujoco.batch": {"sim"},
+    "mujoco.batch": {"env.simulation"},
     "hydra": {"commands.train", "runs.multirun", "runs", "train", "overrides", "failures"},
     "onnx": {"onnx_models"},
     "onnxruntime": {"controller", "export"},

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ogmp_sb3.config.registry import observations
+from ogmp_sb3.env.observations import Part, Signal
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
-from ogmp_sb3.observations import Part, Signal
-from ogmp_sb3.view import EnvView
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ogmp_sb3.config.registry import rewards
-from ogmp_sb3.view import EnvView
+from ogmp_sb3.env.view import EnvView
 
 
 @rewards.register()

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ogmp_sb3.config.registry import terminations
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate
-from ogmp_sb3.view import EnvView
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -9,7 +9,7 @@ import pytest
 from helpers.batches import OPEN, SEED, TASKS, actions, assert_same, at_full_level, ended, last, play
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.robot import STATE_NAMES
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.guidance.latent import load_encoder
 
 # ---- every task ----

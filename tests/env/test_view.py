@@ -7,8 +7,8 @@ import pytest
 
 from helpers.views import make_view
 from ogmp_sb3.config.robot import STATE_NAMES
+from ogmp_sb3.env.view import deviation
 from ogmp_sb3.guidance.srb import STATE_SIZE
-from ogmp_sb3.view import deviation
 
 
 def one_hot(name: str, value: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Reward terms of the paper (sec. III-C): pure functions of an :class:`~ogmp_sb3.view.EnvView`.
+"""Reward terms of the paper (sec. III-C): pure functions of an :class:`~ogmp_sb3.env.view.EnvView`.
 
 None exceeds its ``weight``, or 0 if that is negative.
 """
@@ -9,7 +9,7 @@ import numpy as np
 
 from ogmp_sb3.config.registry import rewards
 from ogmp_sb3.config.task import Terms
-from ogmp_sb3.view import EnvView
+from ogmp_sb3.env.view import EnvView
 
 
 @rewards.register()

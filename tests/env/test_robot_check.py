@@ -12,8 +12,8 @@ from helpers.paths import ROOT
 from ogmp_sb3.check import rigid_body, stance
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import SRB, RobotConfig
-from ogmp_sb3.robot_check import Stand, model_srb, stand
-from ogmp_sb3.sim import build_model
+from ogmp_sb3.env.robot_check import Stand, model_srb, stand
+from ogmp_sb3.env.robot_model import build_model
 
 PUP = ROOT / "examples" / "ogmp_pup" / "ogmp_pup" / "robots" / "pup" / "robot.yaml"
 

@@ -19,9 +19,9 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.files import replacing
-from ogmp_sb3.sim import Simulation
 
 FOLDER = "unstable"  # in a run directory
 MOST = 20  # files in it
@@ -50,7 +50,7 @@ class UnstableStep:
     action: np.ndarray
     """as the policy gave it, shape (joints,)"""
     varied: dict[str, float]
-    """mass, friction and gains of the robot, as :meth:`~ogmp_sb3.sim.Simulation.vary` takes them"""
+    """mass, friction and gains of the robot, as :meth:`~ogmp_sb3.env.simulation.Simulation.vary` takes them"""
     info: dict[str, Any]
     """plain data: environment, control step, curriculum level, modes so far; and what the one who saves it adds"""
 

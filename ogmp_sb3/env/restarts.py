@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import snapshots
 from ogmp_sb3.config.variation import MOST_WAITING, REMEMBER_EVERY, RestartConfig
+from ogmp_sb3.env import snapshots
 
 
 class Restarts:

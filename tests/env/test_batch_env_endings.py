@@ -7,7 +7,7 @@ import pytest
 
 from helpers.batches import OPEN, SEED, TASKS, actions, at_full_level, ended
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 
 
 @pytest.mark.parametrize("name", TASKS)

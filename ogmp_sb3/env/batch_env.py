@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import snapshots
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import check_ranges
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env import snapshots
+from ogmp_sb3.env.disturbances import Disturbances
+from ogmp_sb3.env.observations import CLIP, Signal
+from ogmp_sb3.env.restarts import Restarts
+from ogmp_sb3.env.simulation import Simulation
+from ogmp_sb3.env.view import EnvView, deviation, srb_state
 from ogmp_sb3.guidance.course import Course
 from ogmp_sb3.guidance.plans import Plans
 from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
 from ogmp_sb3.guidance.srb import VEL
 from ogmp_sb3.guidance.terrain import height_at
-from ogmp_sb3.observations import CLIP, Signal
-from ogmp_sb3.randomisation import Disturbances
-from ogmp_sb3.restarts import Restarts
-from ogmp_sb3.sim import Simulation
-from ogmp_sb3.view import EnvView, deviation, srb_state
 
 STATE_ARRAYS = ("step_count", "level", "_ended", "restarted")
 MAX_ENVS = 100_000  # more is a slip of the pen

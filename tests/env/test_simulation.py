@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_robot
+from ogmp_sb3.env.robot_model import VISUAL_GROUP, build_model
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.guidance.terrain import empty_terrain
-from ogmp_sb3.sim import VISUAL_GROUP, Simulation, build_model
 
 HECTOR = load_robot("hector")
 PHYSICS_DT = 0.002  # s

@@ -8,8 +8,14 @@ from helpers.views import make_view
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.rewards import body_contact, highest_reward, orientation_tracking, position_tracking, torque_regulation
-from ogmp_sb3.view import EnvView
+from ogmp_sb3.env.rewards import (
+    body_contact,
+    highest_reward,
+    orientation_tracking,
+    position_tracking,
+    torque_regulation,
+)
+from ogmp_sb3.env.view import EnvView
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.views import make_view
+from ogmp_sb3.env.terminations import fall, off_track
 from ogmp_sb3.guidance.terrain import NOTHING
-from ogmp_sb3.terminations import fall, off_track
 
 
 def heights(*above_zero: float) -> np.ndarray:

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.robot import SRB, RobotConfig
+from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.guidance.rotations import quat_rotate
-from ogmp_sb3.sim import Simulation
 
 INTERVAL = 0.01  # s, about, between two looks at what touches the ground
 GROUND = (-10.0, 10.0, -10.0, 10.0, 0.0)  # a terrain box, m
@@ -34,7 +34,7 @@ def model_srb(robot: RobotConfig, model: mujoco.MjModel) -> SRB:
     """The whole robot at its nominal pose as one rigid body: what ``srb`` in robot.yaml should say.
 
     :param robot: the robot
-    :param model: its model, of :func:`~ogmp_sb3.sim.build_model`
+    :param model: its model, of :func:`~ogmp_sb3.env.robot_model.build_model`
     """
     data = mujoco.MjData(model)
     for name, angle in zip(robot.joints, robot.nominal_joints, strict=True):

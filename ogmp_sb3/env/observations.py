@@ -1,4 +1,4 @@
-"""Observation terms: pure functions of an :class:`~ogmp_sb3.view.EnvView`."""
+"""Observation terms: pure functions of an :class:`~ogmp_sb3.env.view.EnvView`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ogmp_sb3.config.registry import observations
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.terrain import height_at, scan_points
-from ogmp_sb3.view import EnvView
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
 MAX_POINTS = 1000  # of a terrain scan

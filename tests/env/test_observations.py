@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.views import make_view
+from ogmp_sb3.env.observations import DEEPEST, clock, height_scan, proprioception
 from ogmp_sb3.guidance.terrain import NOTHING, empty_terrain
-from ogmp_sb3.observations import DEEPEST, clock, height_scan, proprioception
 
 HEIGHT, QUAT, JOINTS, LINVEL, ANGVEL, RATES = (
     slice(0, 1), slice(1, 5), slice(5, 15), slice(15, 18), slice(18, 21), slice(21, 31),

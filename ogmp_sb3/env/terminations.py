@@ -1,4 +1,4 @@
-"""Termination terms: pure functions of an :class:`~ogmp_sb3.view.EnvView`.
+"""Termination terms: pure functions of an :class:`~ogmp_sb3.env.view.EnvView`.
 
 The permissible-state bound, the reward floor and the time limit are the environment's own.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ogmp_sb3.config.registry import terminations
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.terrain import NOTHING
-from ogmp_sb3.view import EnvView
 
 
 @terminations.register()

@@ -13,8 +13,8 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import PushConfig, RandomisationConfig
-from ogmp_sb3.env import BatchEnv
-from ogmp_sb3.randomisation import Disturbances
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.disturbances import Disturbances
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 SEED = 5

@@ -1,7 +1,8 @@
 """Domain randomisation: disturbances that are drawn anew for every episode of every environment.
 
-What a task declares, and what is drawn from it. Nothing here knows the simulator: :class:`~ogmp_sb3.sim.Simulation`
-changes bodies, contacts and servos, :class:`~ogmp_sb3.env.BatchEnv` passes actions and observations through.
+What is drawn from what a task declares. Nothing here knows the simulator:
+:class:`~ogmp_sb3.env.simulation.Simulation` changes bodies, contacts and servos, and
+:class:`~ogmp_sb3.env.batch_env.BatchEnv` passes actions and observations through.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3 import snapshots
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.variation import RandomisationConfig
+from ogmp_sb3.env import snapshots
 
 NOISY = ("proprioception",)  # observation terms that sensors measure
 NONE_DUE = (np.zeros(0, dtype=int), np.zeros((0, 2)))
@@ -65,7 +66,7 @@ class Disturbances:
         return self.robots(rows)
 
     def robots(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """What :meth:`~ogmp_sb3.sim.Simulation.vary` is to change in some environments."""
+        """What :meth:`~ogmp_sb3.env.simulation.Simulation.vary` is to change in some environments."""
         return {name: self._arrays[name][rows] for name in ("mass", "friction", "gains") if name in self._arrays}
 
     def delayed(self, targets: np.ndarray) -> np.ndarray:

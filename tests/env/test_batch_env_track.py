@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import ON_TRACK, OPEN, SEED, at_full_level, base_x, inside, put_upright
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.robot import STATE_NAMES
-from ogmp_sb3.env import BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.guidance.terrain import BOX_DEPTH, NOTHING, X0, X1, Y0, Y1
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ogmp_sb3 import snapshots
+from ogmp_sb3.env import snapshots
 
 
 def test_what_was_taken_comes_back_into_the_same_arrays() -> None:

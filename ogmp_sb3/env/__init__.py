@@ -1,0 +1,1 @@
+"""Batched MuJoCo environments: physics, terms, and the rules of one control step."""
