@@ -18,7 +18,7 @@ from pathlib import Path
 from PIL import Image
 
 from ogmp_sb3 import Player, load_policy
-from ogmp_sb3.viewer import Viewer
+from ogmp_sb3.rendering.viewer import Viewer
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))

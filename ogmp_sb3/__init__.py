@@ -12,7 +12,7 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
 from ogmp_sb3.guidance import modes, oracles  # noqa: F401
-from ogmp_sb3.opengl import import_mujoco
+from ogmp_sb3.rendering.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ogmp_sb3.episodes import play_episodes
     from ogmp_sb3.learner import make_model
     from ogmp_sb3.loading import load_policy
-    from ogmp_sb3.player import Player
     from ogmp_sb3.recurrent import RecurrentPPO
-    from ogmp_sb3.video import write_video
+    from ogmp_sb3.rendering.player import Player
+    from ogmp_sb3.rendering.video import write_video
 
 __version__ = "0.1.0"
 __all__ = [

@@ -15,10 +15,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.drawing import Pictures
 from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
 from ogmp_sb3.env.failed_step import capture
 from ogmp_sb3.env.observations import CLIP
+from ogmp_sb3.rendering.painter import Pictures
 
 RENDER_MODES = ("rgb_array",)
 

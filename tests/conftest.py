@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from ogmp_sb3.config import plugins, registry
-from ogmp_sb3.opengl import gl_library
+from ogmp_sb3.rendering.opengl import gl_library
 
 # The same few examples in every run; HYPOTHESIS_PROFILE=thorough tries many, and others each time.
 SLOW_IS_FINE = {"deadline": None, "suppress_health_check": list(HealthCheck)}

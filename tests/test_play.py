@@ -12,7 +12,7 @@ import pytest
 
 from helpers.programs import SMALL, program
 from ogmp_sb3.play import PlayConfig, load
-from ogmp_sb3.player import Player
+from ogmp_sb3.rendering.player import Player
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ import pytest
 from helpers.paths import ROOT
 from helpers.programs import SMALL, Result, program
 from ogmp_sb3.config import plugins
-from ogmp_sb3.opengl import gl_library
+from ogmp_sb3.rendering.opengl import gl_library
 
 TUTORIALS = ROOT / "docs" / "tutorials"
 PAGES = sorted(TUTORIALS.glob("*.md"))

@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.ranges import Range
-from ogmp_sb3.frame import Frame
-from ogmp_sb3.player import Player
-from ogmp_sb3.stage import Stage
+from ogmp_sb3.rendering.frame import Frame
+from ogmp_sb3.rendering.player import Player
+from ogmp_sb3.rendering.viewer_scene import Stage
 
 FRAME_TIME = 1 / 30  # s between two updates of the scene
 PLOT_EVERY = 4  # updates of the scene between two of the plots

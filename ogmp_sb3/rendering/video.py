@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.drawing import CAMERA_TARGET, Painter
-from ogmp_sb3.frame import Frame, join_terrain
+from ogmp_sb3.rendering.frame import Frame, join_terrain
+from ogmp_sb3.rendering.painter import CAMERA_TARGET, Painter
 
 CAMERA_LAG = 0.9  # share of the way that the camera leaves for later in 0.03 s, so that hops do not shake it
 STRIP_TILES, STRIP_COLUMNS = 12, 4

@@ -15,47 +15,19 @@ import numpy as np
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.frame import Scene, join_terrain
-from ogmp_sb3.guidance.srb import POS
-from ogmp_sb3.guidance.terrain import X1
-from ogmp_sb3.opengl import gl_library
-from ogmp_sb3.render import send
+from ogmp_sb3.rendering.frame import Scene, scene_of
+from ogmp_sb3.rendering.opengl import gl_library
+from ogmp_sb3.rendering.renderer import send
 
 CAMERA_TARGET = np.array([0.15, 0.0, -0.12])  # m from the base: the middle of a picture
-SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight
 WIDTH, HEIGHT = 480, 320  # pixels
-
-
-def scene_of(env: BatchEnv, row: int, view: EnvView, before: Scene | None) -> Scene:
-    """What there is to see of one environment.
-
-    :param env: the environments
-    :param row: which of them
-    :param view: of all of them; its reference is where the ghost stands
-    :param before: an earlier scene of the same episode, whose ground stays in sight; None: there is none
-    """
-    sim, p = env.sim, env.sim.base_qpos
-    robot, ghost = np.nan_to_num(sim.qpos[row]), sim.model.qpos0.copy()
-    ghost[sim.joint_qpos] = env.task.robot_config.nominal_joints
-    ghost[p : p + 3], ghost[p + 3 : p + 7] = view.reference[row, POS], view.reference_quat[row]
-    ground = [env.terrain[row]]
-    if before is not None:
-        ground.insert(0, before.terrain[before.terrain[:, X1] > robot[p] - SEEN_BEHIND])
-    return Scene(
-        robot=robot,
-        ghost=ghost,
-        base=robot[p : p + 3],
-        trail=env.plan(row)[:, POS],
-        terrain=join_terrain(ground),
-    )
 
 
 class Painter:
     """Draws scenes with OpenGL, in a process of its own.
 
     MuJoCo chooses its OpenGL library when it is imported, and a software one does not go well with a PyTorch built
-    for CUDA (each brings an LLVM); :mod:`ogmp_sb3.render`, which that process runs, imports no PyTorch.
+    for CUDA (each brings an LLVM); :mod:`ogmp_sb3.rendering.renderer`, which that process runs, imports no PyTorch.
 
     :param task: whose robot is drawn
     :param width: of a picture, pixels
@@ -69,7 +41,7 @@ class Painter:
         binary = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, binary)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "ogmp_sb3.render"],
+            [sys.executable, "-m", "ogmp_sb3.rendering.renderer"],
             env={**os.environ, "MUJOCO_GL": self.library},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.frame import HIGH_COLOUR, LEVEL_COLOUR, LOW_COLOUR, ground_colours, ground_marks, join_terrain
 from ogmp_sb3.guidance.terrain import NOTHING
+from ogmp_sb3.rendering.frame import HIGH_COLOUR, LEVEL_COLOUR, LOW_COLOUR, ground_colours, ground_marks, join_terrain
 
 GROUND, GROWN = (0.0, 1.0, -1.0, 1.0, 0.0), (0.0, 2.5, -1.0, 1.0, 0.0)
 BLOCK = (2.5, 3.0, -1.0, 1.0, 0.3)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ogmp_sb3.opengl import gl_library
+from ogmp_sb3.rendering.opengl import gl_library
 
 NO_OSMESA = """
 import ctypes, ctypes.util

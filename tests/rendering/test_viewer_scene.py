@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from ogmp_sb3 import stage
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.view import deviation
 from ogmp_sb3.guidance.srb import POS, STATE_SIZE
-from ogmp_sb3.player import Player
+from ogmp_sb3.rendering import viewer_scene as stage
+from ogmp_sb3.rendering.player import Player
 
 viser = pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 

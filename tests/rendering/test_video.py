@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from helpers.players import flat, still_player
-from ogmp_sb3 import video
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.frame import Frame
-from ogmp_sb3.player import Player
-from ogmp_sb3.video import FORMATS
+from ogmp_sb3.rendering import video
+from ogmp_sb3.rendering.frame import Frame
+from ogmp_sb3.rendering.player import Player
+from ogmp_sb3.rendering.video import FORMATS
 
 Image = pytest.importorskip("PIL.Image", reason="drawing needs the extra 'viewer'")
 

@@ -1,4 +1,4 @@
-"""Draws scenes with OpenGL: ``python -m ogmp_sb3.render``, the process behind :class:`ogmp_sb3.drawing.Painter`.
+"""Draw scenes with OpenGL, in the process behind :class:`ogmp_sb3.rendering.painter.Painter`.
 
 It is sent named arrays. The first message holds ``model`` (MuJoCo's binary form), ``width`` and ``height``; every
 other one holds the arguments of :meth:`Artist.draw`, and is answered with the bytes of the picture.
@@ -15,8 +15,8 @@ from typing import IO
 import mujoco
 import numpy as np
 
-from ogmp_sb3.frame import GHOST_COLOUR, MARK_COLOUR, ground_colours, ground_marks
 from ogmp_sb3.guidance.terrain import geom_boxes
+from ogmp_sb3.rendering.frame import GHOST_COLOUR, MARK_COLOUR, ground_colours, ground_marks
 
 GHOST_ALPHA = 0.25
 CAMERA_AZIMUTH, CAMERA_ELEVATION, CAMERA_DISTANCE = 106.0, -18.0, 2.1  # degrees, degrees, m
@@ -49,7 +49,7 @@ class Artist:
     ) -> np.ndarray:
         """One picture, shape (height, width, 3), uint8.
 
-        :param robot: as in :class:`~ogmp_sb3.frame.Scene`, like what follows
+        :param robot: as in :class:`~ogmp_sb3.rendering.frame.Scene`, like what follows
         :param lookat: the point in the middle of the picture, shape (3,), m
         """
         self.camera.lookat[:] = lookat

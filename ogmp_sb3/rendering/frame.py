@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.view import EnvView
+from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.guidance.terrain import NOTHING, TOP, X0, X1, Y0, Y1
+
+SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight
 
 Colour = tuple[int, int, int]
 
@@ -95,3 +100,27 @@ def ground_marks(terrain: np.ndarray, x: float) -> np.ndarray:
         for i in range(int(np.ceil(first / MARK_SPACING)), int(np.floor(last / MARK_SPACING)) + 1):
             lines.append([(i * MARK_SPACING, right, top), (i * MARK_SPACING, left, top)])
     return np.array(lines).reshape(-1, 2, 3)
+
+
+def scene_of(env: BatchEnv, row: int, view: EnvView, before: Scene | None) -> Scene:
+    """What there is to see of one environment.
+
+    :param env: the environments
+    :param row: which of them
+    :param view: of all of them; its reference is where the ghost stands
+    :param before: an earlier scene of the same episode, whose ground stays in sight; None: there is none
+    """
+    sim, p = env.sim, env.sim.base_qpos
+    robot, ghost = np.nan_to_num(sim.qpos[row]), sim.model.qpos0.copy()
+    ghost[sim.joint_qpos] = env.task.robot_config.nominal_joints
+    ghost[p : p + 3], ghost[p + 3 : p + 7] = view.reference[row, POS], view.reference_quat[row]
+    ground = [env.terrain[row]]
+    if before is not None:
+        ground.insert(0, before.terrain[before.terrain[:, X1] > robot[p] - SEEN_BEHIND])
+    return Scene(
+        robot=robot,
+        ghost=ghost,
+        base=robot[p : p + 3],
+        trail=env.plan(row)[:, POS],
+        terrain=join_terrain(ground),
+    )

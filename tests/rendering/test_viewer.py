@@ -22,8 +22,8 @@ import pytest
 from helpers.players import flat, still_player
 from helpers.programs import program
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.player import Player
-from ogmp_sb3.viewer import PLOT_EVERY, Viewer
+from ogmp_sb3.rendering.player import Player
+from ogmp_sb3.rendering.viewer import PLOT_EVERY, Viewer
 
 pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.drawing import scene_of
 from ogmp_sb3.env.agent import Actor, Policy
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.frame import Frame
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
 from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
 from ogmp_sb3.guidance.srb import OMEGA, POS, VEL
+from ogmp_sb3.rendering.frame import Frame, scene_of
 
 ENDLESS = 10**9  # control steps
 

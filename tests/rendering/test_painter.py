@@ -12,8 +12,9 @@ import pytest
 from helpers.players import flat
 from ogmp_sb3.adapters import OgmpEnv
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.drawing import HEIGHT, WIDTH, Painter, Pictures, scene_of
 from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.rendering.frame import scene_of
+from ogmp_sb3.rendering.painter import HEIGHT, WIDTH, Painter, Pictures
 
 
 def still(env: BatchEnv, steps: int) -> None:
@@ -73,7 +74,7 @@ def test_a_painter_that_died_is_a_sentence(opengl) -> None:
 
 
 def test_the_process_that_draws_imports_no_torch() -> None:
-    code = "import sys, ogmp_sb3.render; sys.exit('torch' in sys.modules)"
+    code = "import sys, ogmp_sb3.rendering.renderer; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

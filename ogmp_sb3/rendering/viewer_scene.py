@@ -9,9 +9,9 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.frame import GHOST_COLOUR, MARK_COLOUR, Colour, Frame, ground_colours, ground_marks
 from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.guidance.terrain import geom_boxes
+from ogmp_sb3.rendering.frame import GHOST_COLOUR, MARK_COLOUR, Colour, Frame, ground_colours, ground_marks
 
 if TYPE_CHECKING:
     import trimesh

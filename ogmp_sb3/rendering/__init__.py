@@ -1,0 +1,1 @@
+"""Pictures, videos and the browser viewer of one environment."""
