@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides
 from ogmp_sb3.loading import load_policy
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 NUM_ENVS = 64
 WARM_UP = 0.1  # share of the steps before memory counts: caches fill, buffers reach their size

@@ -15,14 +15,15 @@ from ogmp_sb3.guidance import modes, oracles  # noqa: F401
 from ogmp_sb3.rendering.opengl import import_mujoco
 
 if TYPE_CHECKING:
-    from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
     from ogmp_sb3.env.batch_env import BatchEnv
     from ogmp_sb3.episodes import play_episodes
-    from ogmp_sb3.learner import make_model
     from ogmp_sb3.loading import load_policy
-    from ogmp_sb3.recurrent import RecurrentPPO
     from ogmp_sb3.rendering.player import Player
     from ogmp_sb3.rendering.video import write_video
+    from ogmp_sb3.sb3.gym_env import OgmpEnv
+    from ogmp_sb3.sb3.learner import make_model
+    from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+    from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 __version__ = "0.1.0"
 __all__ = [
@@ -41,22 +42,22 @@ __all__ = [
 ]
 
 _LATER = {
-    "BatchEnv": "env",
-    "OgmpEnv": "adapters",
-    "OgmpVecEnv": "adapters",
-    "Player": "player",
-    "RecurrentPPO": "recurrent",
+    "BatchEnv": "env.batch_env",
+    "OgmpEnv": "sb3.gym_env",
+    "OgmpVecEnv": "sb3.vec_env",
+    "Player": "rendering.player",
+    "RecurrentPPO": "sb3.recurrent_ppo",
     "load_policy": "loading",
-    "make_env": "adapters",
-    "make_model": "learner",
+    "make_env": "sb3.vec_env",
+    "make_model": "sb3.learner",
     "play_episodes": "episodes",
-    "write_video": "video",
+    "write_video": "rendering.video",
 }
 
 import_mujoco()
 
 for _name in ("Parkour", "Dive", "Stairs"):
-    gymnasium.register(f"OGMP/{_name}-v0", entry_point="ogmp_sb3.adapters:OgmpEnv", kwargs={"task": _name.lower()})
+    gymnasium.register(f"OGMP/{_name}-v0", entry_point="ogmp_sb3.sb3.gym_env:OgmpEnv", kwargs={"task": _name.lower()})
 
 
 def __getattr__(name: str) -> Any:

@@ -18,7 +18,6 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
 from ogmp_sb3 import cli
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.bench_physics import bench_physics
 from ogmp_sb3.bench_sim import Numbers, bench_sim, median, seconds_of, stock_env
 from ogmp_sb3.config.load import load_task
@@ -26,9 +25,10 @@ from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.plotting import plot_throughput
-from ogmp_sb3.policy import policy_kwargs
-from ogmp_sb3.recipe import PPOConfig, default_ppo, thread_count, versions
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo, thread_count, versions
+from ogmp_sb3.sb3.policy import policy_kwargs
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-bench"

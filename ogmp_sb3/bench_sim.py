@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.simulation import Simulation
-from ogmp_sb3.recipe import thread_count
+from ogmp_sb3.sb3.gym_env import OgmpEnv
+from ogmp_sb3.sb3.hyperparameters import thread_count
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 Numbers = dict[str, float]
 
@@ -155,7 +156,7 @@ def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> fl
 def stock_env(kind: Callable[..., VecEnv], task: TaskConfig, number: int) -> VecEnv:
     """SB3's own vectorisation of single environments."""
     # Imported once, by the server that all workers are forked from: 64 imports of PyTorch take minutes on two cores.
-    multiprocessing.set_forkserver_preload(["ogmp_sb3.adapters"])
+    multiprocessing.set_forkserver_preload(["ogmp_sb3.sb3.vec_env"])
     makers: Any = [partial(OgmpEnv, task) for _ in range(number)]
     return kind(makers)
 

@@ -15,12 +15,12 @@ from typing import Any
 
 import torch as th
 
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.files import fresh, put_in_place, remove
 from ogmp_sb3.guidance.latent import copy_encoder
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 from ogmp_sb3.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
 from ogmp_sb3.trainer import set_state, state
 
@@ -45,7 +45,7 @@ def save_checkpoint(
 
     To be called between two updates: rollout buffers are not saved.
 
-    :param model: the learner, on an :class:`~ogmp_sb3.adapters.OgmpVecEnv`
+    :param model: the learner, on an :class:`~ogmp_sb3.sb3.vec_env.OgmpVecEnv`
     :param folder: the directory to make; an existing one is replaced
     :param info: plain data for ``policy.json``: the task and how the policy came about
     :param statistics: plain data of the logs, given back by :func:`load_trainer`

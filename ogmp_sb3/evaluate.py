@@ -23,9 +23,9 @@ from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import Summary, as_text
 from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting import plot_grids, plot_robustness
-from ogmp_sb3.recipe import versions
 from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
 from ogmp_sb3.runs import default_out
+from ogmp_sb3.sb3.hyperparameters import versions
 from ogmp_sb3.storage import save_json
 from ogmp_sb3.sweeps import shown
 

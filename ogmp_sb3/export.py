@@ -21,8 +21,8 @@ from ogmp_sb3.env.observations import CLIP, Part
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import reference_features, task_encoder
 from ogmp_sb3.loading import LoadedPolicy, load_policy
-from ogmp_sb3.policy import Normaliser
-from ogmp_sb3.recipe import versions
+from ogmp_sb3.sb3.hyperparameters import versions
+from ogmp_sb3.sb3.policy import Normaliser
 from ogmp_sb3.storage import checksum, save_json
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
 from ogmp_sb3.loading import load_policy
-from ogmp_sb3.recipe import DEFAULTS
 from ogmp_sb3.results import Results
 from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep
+from ogmp_sb3.sb3.hyperparameters import DEFAULTS
 from ogmp_sb3.subject import Subject, rank_key
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next

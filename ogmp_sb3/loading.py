@@ -29,7 +29,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.guidance.latent import changed_file, encoder_dir
-from ogmp_sb3.policy import LstmPolicy, Network, policy_kwargs
+from ogmp_sb3.sb3.policy import LstmPolicy, Network, policy_kwargs
 from ogmp_sb3.sb3_zip import load_zip
 from ogmp_sb3.storage import MANIFEST, load_json, verify
 

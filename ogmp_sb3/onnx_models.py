@@ -101,7 +101,7 @@ def actor_model(policy: Any) -> onnx.ModelProto:
     Inputs ``obs`` (1, n), ``h`` and ``c`` (layers, 1, hidden); outputs ``action`` (1, m) in [-1, 1], ``h_next`` and
     ``c_next``. ONNX wants every value to have a name of its own, so the next states cannot be called ``h`` and ``c``.
 
-    :param policy: a :class:`~ogmp_sb3.policy.LstmPolicy`
+    :param policy: a :class:`~ogmp_sb3.sb3.policy.LstmPolicy`
     """
     normaliser, lstm, head = policy.features_extractor, policy.lstm_actor, policy.action_net
     size, layers, hidden, actions = normaliser.features_dim, lstm.num_layers, lstm.hidden_size, head.out_features

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import (
     CHECKPOINTS,
     checkpoint_dirs,
@@ -28,8 +27,9 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
 from ogmp_sb3.files import reason, remove, tidy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
-from ogmp_sb3.recipe import TrainConfig
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.hyperparameters import TrainConfig
+from ogmp_sb3.sb3.policy_average import PolicyAverage
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.trainer import check_numbers
 
 Score = tuple[float, float]

@@ -6,8 +6,8 @@ import pickle
 import zipfile
 from pathlib import Path
 
-from ogmp_sb3.policy import LstmPolicy
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.policy import LstmPolicy
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 
 PICKLES = (".zip", ".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".joblib", ".npy", ".npz")
 # What reading a file that is no such model can end in.
@@ -16,7 +16,7 @@ UNREADABLE += (RuntimeError, OSError, AssertionError, IndexError, pickle.Unpickl
 
 
 def load_zip(file: Path, trust: bool, task: str | None) -> tuple[LstmPolicy, int]:
-    """The policy in the ``.zip`` of a :class:`~ogmp_sb3.recurrent.RecurrentPPO`, and the samples it was trained on.
+    """The policy in the ``.zip`` of a :class:`~ogmp_sb3.sb3.recurrent_ppo.RecurrentPPO`, and its training samples.
 
     :param file: what was given as a policy
     :param trust: whoever gave it trusts it; without, nothing of the file is read

@@ -26,8 +26,8 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
 from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
-from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.sb3.hyperparameters import TrainConfig
 from ogmp_sb3.training import RESUMABLE, begin_or_go_on, run_config, train
 
 PROGRAM = "ogmp-train"

@@ -10,10 +10,10 @@ import numpy as np
 import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.messages import Where, describe
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 from ogmp_sb3.storage import check_shapes
 
 MOMENTS = ("exp_avg", "exp_avg_sq")  # of Adam
@@ -24,7 +24,7 @@ MISFITS = (TypeError, ValueError, RuntimeError, AttributeError, IndexError, Over
 def state(model: RecurrentPPO) -> tuple[dict[str, th.Tensor], dict[str, Any]]:
     """The optimiser, the generators, the simulations and the counts of a learner between two updates.
 
-    :param model: the learner, on an :class:`~ogmp_sb3.adapters.OgmpVecEnv`
+    :param model: the learner, on an :class:`~ogmp_sb3.sb3.vec_env.OgmpVecEnv`
     """
     env = model.env
     assert isinstance(env, OgmpVecEnv)

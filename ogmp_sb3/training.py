@@ -14,8 +14,6 @@ from typing import Any
 import torch as th
 from stable_baselines3.common.callbacks import CallbackList
 
-from ogmp_sb3.adapters import OgmpVecEnv
-from ogmp_sb3.averaging import PolicyAverage
 from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read, write_yaml
@@ -24,10 +22,12 @@ from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
 from ogmp_sb3.files import alone, reason
 from ogmp_sb3.guidance.latent import changed_file, copy_encoder
-from ogmp_sb3.learner import make_model
 from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
-from ogmp_sb3.recipe import TrainConfig, thread_count, versions
 from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
+from ogmp_sb3.sb3.hyperparameters import TrainConfig, thread_count, versions
+from ogmp_sb3.sb3.learner import make_model
+from ogmp_sb3.sb3.policy_average import PolicyAverage
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 from ogmp_sb3.storage import load_json
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run

@@ -7,7 +7,7 @@ from typing import Any
 
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.recipe import DEFAULTS, default_ppo
+from ogmp_sb3.sb3.hyperparameters import DEFAULTS, default_ppo
 
 
 def ppo_lstm() -> dict[str, Any]:
@@ -17,7 +17,7 @@ def ppo_lstm() -> dict[str, Any]:
         "n_envs": read_yaml(DEFAULTS)["num_envs"],
         "n_timesteps": read_yaml(DEFAULTS)["total_timesteps"],
         "normalize": {"norm_obs": True, "norm_reward": False},
-        "policy": "ogmp_sb3.policy.LstmPolicy",
+        "policy": "ogmp_sb3.sb3.policy.LstmPolicy",
         "policy_kwargs": {
             "net_arch": [],
             "lstm_hidden_size": settings.lstm_hidden_size,

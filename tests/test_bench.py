@@ -13,10 +13,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from helpers.programs import program
 from ogmp_sb3 import bench, bench_physics, bench_sim
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.simulation import Simulation
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive"])

@@ -18,9 +18,9 @@ from ogmp_sb3 import checkpoints, logs, saving
 from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
 from ogmp_sb3.loading import load_policy
 from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
-from ogmp_sb3.recipe import TrainConfig, default_ppo
-from ogmp_sb3.recurrent import RecurrentPPO
 from ogmp_sb3.saving import Checkpoints, tidy_run
+from ogmp_sb3.sb3.hyperparameters import TrainConfig, default_ppo
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.storage import verify
 
 KEPT = 2

@@ -29,8 +29,8 @@ from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.files import alone
 from ogmp_sb3.loading import load_policy
-from ogmp_sb3.recipe import TrainConfig
 from ogmp_sb3.runs import read_log, read_run
+from ogmp_sb3.sb3.hyperparameters import TrainConfig
 from ogmp_sb3.storage import write_manifest
 from ogmp_sb3.training import run_config, train
 

@@ -10,13 +10,13 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from helpers.programs import SMALL, program
-from ogmp_sb3.adapters import OgmpVecEnv, make_env
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env import batch_env as env_module
 from ogmp_sb3.env.failed_step import MOST, UnstableStep, capture, load_step, replay, save_step
 from ogmp_sb3.runs import read_log
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 PATH = TASKS_DIR / "parkour.yaml"
 VARIED = {"randomisation": {"mass": [0.8, 1.2], "friction": [0.5, 1.0], "gains": [0.8, 1.2], "latency": [1, 1]}}

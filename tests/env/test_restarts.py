@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from helpers.batches import actions, assert_same, ended, play
-from ogmp_sb3.adapters import OgmpVecEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import MOST_WAITING, REMEMBER_EVERY, RestartConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.restarts import Restarts
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 SEED = 5
 DECLARED = {"fraction": 0.7, "before": [5, 15], "per_fall": 2, "episode_steps": 30}

@@ -10,8 +10,8 @@ from gymnasium import spaces
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.rendering.player import Player
+from ogmp_sb3.sb3.policy import LstmPolicy
 
 
 class Still:

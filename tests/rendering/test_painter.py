@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from helpers.players import flat
-from ogmp_sb3.adapters import OgmpEnv
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.rendering.frame import scene_of
 from ogmp_sb3.rendering.painter import HEIGHT, WIDTH, Painter, Pictures
+from ogmp_sb3.sb3.gym_env import OgmpEnv
 
 
 def still(env: BatchEnv, steps: int) -> None:

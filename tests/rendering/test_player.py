@@ -11,9 +11,9 @@ from helpers.players import Still, flat, still_player
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.guidance.terrain import X1, height_at
-from ogmp_sb3.policy import LstmPolicy
 from ogmp_sb3.rendering.frame import Frame
 from ogmp_sb3.rendering.player import Player, endless
+from ogmp_sb3.sb3.policy import LstmPolicy
 
 
 def until_end(player: Player) -> list[Frame]:

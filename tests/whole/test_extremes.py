@@ -12,10 +12,10 @@ import pytest
 from helpers.paths import ROOT
 from helpers.programs import program
 from ogmp_sb3 import load_task
-from ogmp_sb3.adapters import OgmpVecEnv, make_env
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.guidance.terrain import NOTHING, height_at
 from ogmp_sb3.loading import load_policy
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 STEPS = 12
 

@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env.base_vec_env import tile_images
 import ogmp_sb3
 from helpers.paths import ROOT
 from ogmp_sb3 import OgmpEnv, RecurrentPPO, zoo
-from ogmp_sb3.recipe import default_ppo
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 
 DOCS = ROOT / "docs"
 PARKOUR = "ogmp_sb3:OGMP/Parkour-v0"

@@ -1,4 +1,4 @@
-"""What a training needs beside its task: hyper-parameters, sizes, threads, and the versions its numbers depend on."""
+"""Hyper-parameters of the learner: those of ``ogmp-train``, from ``conf/train.yaml``, and what they may be."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class PPOConfig:
             )
 
     def settings(self) -> dict[str, Any]:
-        """Keyword arguments of :class:`~ogmp_sb3.recurrent.RecurrentPPO`."""
+        """Keyword arguments of :class:`~ogmp_sb3.sb3.recurrent_ppo.RecurrentPPO`."""
         return self.stock_settings() | {name: getattr(self, name) for name in OURS}
 
     def stock_settings(self) -> dict[str, Any]:

@@ -13,9 +13,11 @@ from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.logger import Logger
 
-from ogmp_sb3 import make_env, recurrent, sequences
-from ogmp_sb3.policy import LstmPolicy, Normaliser
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3 import make_env
+from ogmp_sb3.sb3 import recurrent_ppo as recurrent
+from ogmp_sb3.sb3 import sequence_buffer as sequences
+from ogmp_sb3.sb3.policy import LstmPolicy, Normaliser
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 
 SETTINGS = {"n_steps": 24, "batch_size": 48, "n_epochs": 2, "seed": 3, "device": "cpu"}
 NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}

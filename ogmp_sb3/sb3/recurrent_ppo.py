@@ -22,9 +22,9 @@ from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from ogmp_sb3.policy import LstmPolicy, LstmStates, Normaliser
-from ogmp_sb3.safeguard import undone_unless_finite
-from ogmp_sb3.sequences import Minibatch, SequenceBuffer
+from ogmp_sb3.sb3.finite_updates import undone_unless_finite
+from ogmp_sb3.sb3.policy import LstmPolicy, LstmStates, Normaliser
+from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer
 
 
 class RecurrentPPO(StockRecurrentPPO):

@@ -10,7 +10,7 @@ import sb3_contrib
 from stable_baselines3.common.vec_env import VecMonitor
 
 from ogmp_sb3 import RecurrentPPO, make_env, make_model
-from ogmp_sb3.recipe import default_ppo
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 
 
 def test_a_model_has_the_noise_and_the_settings_of_ogmp_train_and_can_be_saved(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv
 
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.policy import policy_kwargs
-from ogmp_sb3.recipe import PPOConfig, default_ppo
-from ogmp_sb3.recurrent import RecurrentPPO
+from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
+from ogmp_sb3.sb3.policy import policy_kwargs
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 
 
 def make_model(
@@ -20,7 +20,7 @@ def make_model(
 ) -> Any:
     """A recurrent policy that has learned nothing yet, and what trains it.
 
-    :param env: an :class:`~ogmp_sb3.adapters.OgmpVecEnv`, wrapped or not
+    :param env: an :class:`~ogmp_sb3.sb3.vec_env.OgmpVecEnv`, wrapped or not
     :param ppo: hyper-parameters; None: those of ``ogmp-train``
     :param seed: of the networks
     :param kind: the learner's class: ours, or sb3-contrib's

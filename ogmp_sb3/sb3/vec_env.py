@@ -1,4 +1,4 @@
-"""BatchEnv as others expect it: ``OgmpVecEnv`` for Stable-Baselines3, ``OgmpEnv`` for Gymnasium."""
+"""Many environments of a task as one ``VecEnv`` of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -9,40 +9,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from ogmp_sb3.config.load import load_task
-from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
 from ogmp_sb3.env.failed_step import capture
-from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.rendering.painter import Pictures
-
-RENDER_MODES = ("rgb_array",)
-
-
-def _spaces(env: BatchEnv) -> tuple[spaces.Box, spaces.Box]:
-    bound = (CLIP * env.observation_scale).astype(np.float32)
-    return spaces.Box(-bound, bound, dtype=np.float32), spaces.Box(-1.0, 1.0, (env.action_size,), np.float32)
-
-
-def _loaded(task: str | Path | TaskConfig, overrides: dict[str, Any]) -> TaskConfig:
-    if not isinstance(task, TaskConfig):
-        return load_task(task, overrides)
-    if overrides:
-        raise TypeError(f"a loaded task takes no overrides (found {', '.join(overrides)}); give them to load_task.")
-    return task
-
-
-def _check_render_mode(render_mode: str | None) -> None:
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise ValueError(f"unknown render mode '{render_mode}'{did_you_mean(render_mode, [*RENDER_MODES, 'None'])}")
-
-
-def _metadata(task: TaskConfig) -> dict[str, Any]:
-    return {"render_modes": list(RENDER_MODES), "render_fps": round(1 / task.control_dt)}
+from ogmp_sb3.sb3.gym_env import check_render_mode, loaded_task, render_metadata, spaces_of
 
 
 class OgmpVecEnv(VecEnv):
@@ -66,11 +39,11 @@ class OgmpVecEnv(VecEnv):
     def __init__(
         self, task: TaskConfig, num_envs: int = 64, seed: int = 0, threads: int = 0, render_mode: str | None = None
     ) -> None:
-        _check_render_mode(render_mode)
+        check_render_mode(render_mode)
         self.batch = BatchEnv(task, num_envs, seed, threads)
         self.render_mode = render_mode
-        super().__init__(num_envs, *_spaces(self.batch))
-        self.metadata = _metadata(task)
+        super().__init__(num_envs, *spaces_of(self.batch))
+        self.metadata = render_metadata(task)
         self._pictures = Pictures(self.batch)
         self._actions = np.zeros((num_envs, self.batch.action_size))
         self._began = time.perf_counter()
@@ -189,65 +162,6 @@ class OgmpVecEnv(VecEnv):
         return [indices] if isinstance(indices, int) else indices
 
 
-class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One environment of a task, for Gymnasium.
-
-    :param task: a task, the name of a shipped one or of one in a plug-in, or the path of a YAML file
-    :param render_mode: ``"rgb_array"``, to draw pictures, or None
-    :param overrides: replace values of the task, e.g. ``rho=0.3`` or ``**{"modes.jump.h": 0.2}``
-    :raises ValueError: for another render mode
-    """
-
-    metadata = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012  (Gymnasium's own form)
-
-    def __init__(
-        self, task: TaskConfig | str | Path = "parkour", render_mode: str | None = None, **overrides: Any
-    ) -> None:
-        _check_render_mode(render_mode)
-        self.render_mode = render_mode
-        task = _loaded(task, overrides)
-        self.batch = BatchEnv(task, num_envs=1, threads=1)
-        self.observation_space, self.action_space = _spaces(self.batch)
-        self._seeded = False
-        self.metadata = _metadata(task)
-        self._pictures = Pictures(self.batch)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            self.batch.seed_row(0, int(self.np_random.integers(2**31)) if seed is None else seed)
-            self._seeded = True
-        self._pictures.forget()
-        return self.batch.reset()[0], {}
-
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        result = self.batch.step(np.asarray(action)[None])
-        info = {"deviation": float(result.view.deviation[0]), "termination": str(result.termination[0])}
-        return (
-            result.observation[0],
-            float(result.reward[0]),
-            bool(result.terminated[0]),
-            bool(result.truncated[0]),
-            info,
-        )
-
-    def render(self) -> np.ndarray | None:
-        """A picture of the robot, the oracle's plan and the ground that is laid, shape (height, width, 3), uint8.
-
-        :return: None without a render mode
-        :raises ValueError: if there is no OpenGL
-        """
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() draws nothing: make the environment with render_mode='rgb_array'.")
-            return None
-        return self._pictures.draw(0)
-
-    def close(self) -> None:
-        self._pictures.close()
-
-
 def make_env(
     task: str | Path | TaskConfig, num_envs: int = 1, seed: int = 0, render_mode: str | None = None, **overrides: Any
 ) -> OgmpVecEnv:
@@ -259,4 +173,4 @@ def make_env(
     :param render_mode: ``"rgb_array"``, to draw pictures, or None
     :param overrides: replace values of the task, e.g. ``rho=0.3, oracle="lqr"``
     """
-    return OgmpVecEnv(_loaded(task, overrides), num_envs, seed, render_mode=render_mode)
+    return OgmpVecEnv(loaded_task(task, overrides), num_envs, seed, render_mode=render_mode)

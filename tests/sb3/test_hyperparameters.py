@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ogmp_sb3.recipe import default_ppo
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 
 
 def test_the_half_life_is_a_number_of_samples() -> None:

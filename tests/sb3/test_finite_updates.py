@@ -13,10 +13,10 @@ import torch as th
 from stable_baselines3.common.logger import Logger
 from torch import nn
 
-from ogmp_sb3.adapters import make_env
-from ogmp_sb3.policy import Normaliser, policy_kwargs
-from ogmp_sb3.recurrent import RecurrentPPO
-from ogmp_sb3.safeguard import MOST_IN_A_ROW, check_weights, undone_unless_finite
+from ogmp_sb3.sb3.finite_updates import MOST_IN_A_ROW, check_weights, undone_unless_finite
+from ogmp_sb3.sb3.policy import Normaliser, policy_kwargs
+from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+from ogmp_sb3.sb3.vec_env import make_env
 
 STEPS, ENVS = 16, 4
 

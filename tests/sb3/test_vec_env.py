@@ -11,9 +11,10 @@ import stable_baselines3.common.env_checker
 from stable_baselines3.common.vec_env import VecMonitor
 
 import ogmp_sb3
-from ogmp_sb3.adapters import OgmpEnv, OgmpVecEnv, make_env
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.sb3.gym_env import OgmpEnv
+from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 SEED = 3
