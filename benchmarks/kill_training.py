@@ -22,10 +22,10 @@ from pathlib import Path
 from safetensors.torch import load_file
 from torch import equal
 
-from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.files import LOCK
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.storage import verify
+from ogmp_sb3.runs.atomic import LOCK
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import checkpoint_dirs
+from ogmp_sb3.runs.storage import verify
 
 INTERVAL = 512
 SETTINGS = ["task=dive", "num_envs=8", "ppo.n_steps=16", "ppo.batch_size=64", "ppo.n_epochs=1", "seed=3"]

@@ -17,10 +17,12 @@ from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3 import make_env, make_model
-from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, make_logger
 from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting_training import plot_sweep_curves
-from ogmp_sb3.runs import Run, read_run, read_sweep
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar
+from ogmp_sb3.runs.logs import make_logger
+from ogmp_sb3.runs.multirun import read_sweep
+from ogmp_sb3.runs.run_directory import Run, read_run
 from ogmp_sb3.sweeps import mean_curve
 
 HERE = Path(__file__).parent

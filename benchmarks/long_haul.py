@@ -20,7 +20,7 @@ import torch as th
 
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides
-from ogmp_sb3.loading import load_policy
+from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 NUM_ENVS = 64

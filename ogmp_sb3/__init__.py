@@ -17,9 +17,9 @@ from ogmp_sb3.rendering.opengl import import_mujoco
 if TYPE_CHECKING:
     from ogmp_sb3.env.batch_env import BatchEnv
     from ogmp_sb3.episodes import play_episodes
-    from ogmp_sb3.loading import load_policy
     from ogmp_sb3.rendering.player import Player
     from ogmp_sb3.rendering.video import write_video
+    from ogmp_sb3.runs.policies import load_policy
     from ogmp_sb3.sb3.gym_env import OgmpEnv
     from ogmp_sb3.sb3.learner import make_model
     from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
@@ -47,7 +47,7 @@ _LATER = {
     "OgmpVecEnv": "sb3.vec_env",
     "Player": "rendering.player",
     "RecurrentPPO": "sb3.recurrent_ppo",
-    "load_policy": "loading",
+    "load_policy": "runs.policies",
     "make_env": "sb3.vec_env",
     "make_model": "sb3.learner",
     "play_episodes": "episodes",

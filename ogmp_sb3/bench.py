@@ -23,13 +23,14 @@ from ogmp_sb3.bench_sim import Numbers, bench_sim, median, seconds_of, stock_env
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.loading import load_policy
 from ogmp_sb3.plotting import plot_throughput
-from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo, thread_count, versions
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.settings import thread_count, versions
+from ogmp_sb3.runs.storage import save_json
+from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
-from ogmp_sb3.storage import save_json
 
 PROGRAM = "ogmp-bench"
 FASTEST_CHUNK = 16  # steps: the fastest chunks on two cores

@@ -17,8 +17,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.simulation import Simulation
+from ogmp_sb3.runs.settings import thread_count
 from ogmp_sb3.sb3.gym_env import OgmpEnv
-from ogmp_sb3.sb3.hyperparameters import thread_count
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 Numbers = dict[str, float]

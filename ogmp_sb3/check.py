@@ -19,7 +19,7 @@ from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.env.failed_step import load_step, replay
+from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, model_srb, stand
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.plans import make_oracle
@@ -27,7 +27,8 @@ from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import set_points, span_array, span_row
 from ogmp_sb3.guidance.srb import POS, STATE_SIZE
 from ogmp_sb3.plotting import plot_references
-from ogmp_sb3.storage import save_json
+from ogmp_sb3.runs.failed_steps import load_step
+from ogmp_sb3.runs.storage import save_json
 
 PROGRAM = "ogmp-check"
 DROP = 0.1  # m

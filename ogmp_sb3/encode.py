@@ -20,9 +20,9 @@ from ogmp_sb3.guidance.encoder_training import (
     save_encoder,
 )
 from ogmp_sb3.guidance.latent import load_encoder
-from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.plotting import plot_latents
-from ogmp_sb3.sb3.hyperparameters import versions
+from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.settings import versions
 
 PROGRAM = "ogmp-encode"
 HELD_OUT = 200  # references of each mode that are kept from training

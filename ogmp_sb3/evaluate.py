@@ -18,15 +18,15 @@ from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.epsilon import estimate_epsilon
 from ogmp_sb3.grid import Grid, read_grid
 from ogmp_sb3.guidance.course import extent
-from ogmp_sb3.loading import LoadedPolicy, load_policy
-from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import Summary, as_text
 from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting import plot_grids, plot_robustness
 from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
-from ogmp_sb3.runs import default_out
-from ogmp_sb3.sb3.hyperparameters import versions
-from ogmp_sb3.storage import save_json
+from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
+from ogmp_sb3.runs.run_directory import default_out
+from ogmp_sb3.runs.settings import versions
+from ogmp_sb3.runs.storage import save_json
 from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"

@@ -20,10 +20,10 @@ from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP, Part
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import reference_features, task_encoder
-from ogmp_sb3.loading import LoadedPolicy, load_policy
-from ogmp_sb3.sb3.hyperparameters import versions
+from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
+from ogmp_sb3.runs.settings import versions
+from ogmp_sb3.runs.storage import checksum, save_json
 from ogmp_sb3.sb3.policy import Normaliser
-from ogmp_sb3.storage import checksum, save_json
 
 if TYPE_CHECKING:
     from ogmp_sb3.controller import Controller

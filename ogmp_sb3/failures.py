@@ -11,8 +11,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import InterpolationToMissingValueError
 
 from ogmp_sb3 import cli
-
-FAILURE = "failure.txt"
+from ogmp_sb3.runs.run_directory import FAILURE
 
 
 class Failures(Callback):

@@ -17,9 +17,10 @@ from ogmp_sb3 import cli
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
-from ogmp_sb3.loading import load_policy
 from ogmp_sb3.results import Results
-from ogmp_sb3.runs import Run, plain_key, read_run, read_sweep
+from ogmp_sb3.runs.multirun import plain_key, read_sweep, setting
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import Run, read_run
 from ogmp_sb3.sb3.hyperparameters import DEFAULTS
 from ogmp_sb3.subject import Subject, rank_key
 
@@ -81,7 +82,7 @@ def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples:
     for value in values:
         scores = []
         for job in jobs:
-            if _word(job.setting(key)) == value:
+            if _word(setting(job, key)) == value:
                 name = job.path.relative_to(folder).as_posix()
                 settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": EPISODES}
                 if settings not in known and _is_beyond(job, samples):

@@ -24,7 +24,8 @@ from omegaconf.errors import OmegaConfBaseException
 from ogmp_sb3.cli import task_keys
 from ogmp_sb3.config.messages import describe, did_you_mean
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.sb3.hyperparameters import PPOConfig, TrainConfig
+from ogmp_sb3.runs.settings import TrainConfig
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
 
 REPLACES_TASK = ("rho", "oracle", "horizon")  # bare keys that stand for those of the task
 ADDED = ("experiment", "search")  # groups that are given as +experiment=...

@@ -12,7 +12,7 @@ from typing import Any
 import jinja2
 
 from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.files import replacing
+from ogmp_sb3.runs.atomic import replacing
 
 TEMPLATES = PACKAGE / "templates"
 Rows = list[dict[str, Any]]

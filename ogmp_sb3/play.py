@@ -11,12 +11,12 @@ from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.agent import Policy
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.video import check_suffix, picture_count, write_video
 from ogmp_sb3.rendering.viewer import Viewer
+from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.policies import load_policy
 
 PROGRAM = "ogmp-play"
 

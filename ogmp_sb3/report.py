@@ -10,10 +10,10 @@ from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.grid import CELLS, MAX_CELLS
-from ogmp_sb3.loading import load_policy
 from ogmp_sb3.page import Section, write_page
-from ogmp_sb3.runs import MULTIRUN, default_out, owner, read_run, read_sweep
-from ogmp_sb3.saving import CONFIG
+from ogmp_sb3.runs.multirun import MULTIRUN, read_sweep
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import CONFIG, default_out, owner, read_run
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown, sort_out
 

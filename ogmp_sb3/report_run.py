@@ -15,12 +15,13 @@ from ogmp_sb3.grid import default_grids
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import load_encoder
-from ogmp_sb3.logs import STEP_COLUMN, progress_bar
 from ogmp_sb3.metrics import as_text
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
 from ogmp_sb3.plotting_training import SMOOTH, plot_training
-from ogmp_sb3.runs import Run
+from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.logs import STEP_COLUMN
+from ogmp_sb3.runs.run_directory import Run
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown
 from ogmp_sb3.traces import Trace, ground_rows, trace_rows

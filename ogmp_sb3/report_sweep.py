@@ -11,14 +11,15 @@ import numpy as np
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.rewards import highest_reward
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.logs import progress_bar
 from ogmp_sb3.metrics import highest_objective
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
 from ogmp_sb3.plotting import plot_terminations
 from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
-from ogmp_sb3.runs import Run
+from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.multirun import setting
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import Run
 from ogmp_sb3.subject import Subject, rank_key
 from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
@@ -76,7 +77,7 @@ def overview(sweep: Sweep, subjects: Subjects, folder: Path) -> Section:
 
 
 def _values(sweep: Sweep, key: str) -> str:
-    return ", ".join(dict.fromkeys(shown(job.setting(key)) for job in sweep.jobs))
+    return ", ".join(dict.fromkeys(shown(setting(job, key)) for job in sweep.jobs))
 
 
 def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:

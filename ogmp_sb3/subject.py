@@ -12,9 +12,9 @@ from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
 from ogmp_sb3.grid import Grid, limits
-from ogmp_sb3.loading import LoadedPolicy
 from ogmp_sb3.results import Results
-from ogmp_sb3.sb3.hyperparameters import RECORDED, versions
+from ogmp_sb3.runs.policies import LoadedPolicy
+from ogmp_sb3.runs.settings import RECORDED, versions
 from ogmp_sb3.traces import Trace, make_trace
 
 RESULTS = Path("evaluation") / "results.jsonl"

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.runs import Run, swept_keys
+from ogmp_sb3.runs.logs import STEP_COLUMN
+from ogmp_sb3.runs.multirun import setting, swept_keys
+from ogmp_sb3.runs.run_directory import Run
 
 SEED = "seed"
 FIRST_CHOICE = ("rho", "horizon")  # what lines differ in, if it was swept
@@ -56,7 +57,7 @@ def sort_out(jobs: list[Run]) -> Sweep:
     """
     keys = swept_keys(jobs)
     grouping = [key for key in keys if key != SEED]
-    numeric = [key for key in grouping if all(_is_number(job.setting(key)) for job in jobs)]
+    numeric = [key for key in grouping if all(_is_number(setting(job, key)) for job in jobs)]
     line_key = next(iter([*(k for k in FIRST_CHOICE if k in grouping), *numeric, *grouping, *keys]), SEED)
     others = [key for key in grouping if key != line_key]
     groups: dict[str, dict[str, Line]] = {}
@@ -64,7 +65,7 @@ def sort_out(jobs: list[Run]) -> Sweep:
         if not job.config:
             continue
         lines = groups.setdefault(describe(job, others), {})
-        value = job.setting(line_key)
+        value = setting(job, line_key)
         line = lines.setdefault(str(value), Line(value, []))
         if job.fingerprint not in {other.fingerprint for other in line.runs}:
             line.runs.append(job)
@@ -76,7 +77,7 @@ def sort_out(jobs: list[Run]) -> Sweep:
 
 def describe(job: Run, keys: list[str]) -> str:
     """The values of some keys of a job: ``oracle=lqr, rho=0.3``."""
-    return ", ".join(f"{key}={shown(job.setting(key))}" for key in keys)
+    return ", ".join(f"{key}={shown(setting(job, key))}" for key in keys)
 
 
 def shown(value: Any) -> str:
@@ -104,10 +105,10 @@ def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], Seq
     others = [other for other in keys if other != key]
     groups: dict[str, dict[str, Run]] = {}
     for job in jobs:
-        groups.setdefault(describe(job, others), {}).setdefault(shown(job.setting(key)), job)
+        groups.setdefault(describe(job, others), {}).setdefault(shown(setting(job, key)), job)
     found = [list(group.values()) for group in groups.values()]
     best = max(found, key=lambda group: (len(group), *np.mean([score(job) for job in group], axis=0)), default=[])
-    return sorted(best, key=lambda job: _order(job.setting(key)))
+    return sorted(best, key=lambda job: _order(setting(job, key)))
 
 
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:

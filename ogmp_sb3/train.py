@@ -17,18 +17,16 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3 import cli
-from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.catalogue import TASKS_DIR, task_names, task_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
-from ogmp_sb3.failures import FAILURE
 from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
-from ogmp_sb3.saving import CONFIG
-from ogmp_sb3.sb3.hyperparameters import TrainConfig
-from ogmp_sb3.training import RESUMABLE, begin_or_go_on, run_config, train
+from ogmp_sb3.runs.run_directory import CONFIG, FAILURE, RESUMABLE, checkpoint_dirs, run_config
+from ogmp_sb3.runs.settings import TrainConfig
+from ogmp_sb3.runs.training import begin_or_go_on, train
 
 PROGRAM = "ogmp-train"
 

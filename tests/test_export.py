@@ -19,7 +19,7 @@ from ogmp_sb3 import export
 from ogmp_sb3.controller import Controller
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP
-from ogmp_sb3.loading import LoadedPolicy, load_policy
+from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 
 ALONE = """
 import json, sys

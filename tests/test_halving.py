@@ -8,10 +8,11 @@ import pytest
 
 from helpers.programs import SMALL, program
 from ogmp_sb3 import halving
-from ogmp_sb3.config.strict import write_yaml
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.runs import Run, read_sweep
+from ogmp_sb3.runs.logs import STEP_COLUMN
+from ogmp_sb3.runs.multirun import read_sweep, setting
+from ogmp_sb3.runs.run_directory import Run
+from ogmp_sb3.runs.storage import write_yaml
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, i
             write_yaml(folder / "config.yaml", {"task": {"rho": float(value)}, "train": {"total_timesteps": 0}})
 
     def score(job: halving.Run, episodes: int) -> list[float]:
-        rho = float(job.setting("rho"))
+        rho = float(setting(job, "rho"))
         return [1.0 if rho == 0.05 and trained[-1][1] <= 100 else rho, 0.0]
 
     monkeypatch.setattr(halving, "_score", score)
@@ -58,7 +59,9 @@ def test_values_on_the_command_line_count(played, tmp_path: Path) -> None:
 def test_the_seeds_of_a_value_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scores = {(0.1, 0): 1.0, (0.1, 1): 0.0, (0.3, 0): 0.7, (0.3, 1): 0.5}
     jobs = [Run(tmp_path / f"{rho}-{seed}", (f"rho={rho}", f"seed={seed}"), {}, {}, "finished") for rho, seed in scores]
-    monkeypatch.setattr(halving, "_score", lambda job, episodes: [scores[job.setting("rho"), job.setting("seed")], 0.0])
+    monkeypatch.setattr(
+        halving, "_score", lambda job, episodes: [scores[setting(job, "rho"), setting(job, "seed")], 0.0]
+    )
     assert halving._ranked(tmp_path, "rho", ["0.1", "0.3"], jobs, 100) == [
         ([pytest.approx(0.6), 0.0], "0.3"),
         ([0.5, 0.0], "0.1"),

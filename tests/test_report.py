@@ -21,10 +21,10 @@ from helpers.programs import SMALL, program
 from ogmp_sb3 import report_run
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.grid import default_grids
-from ogmp_sb3.loading import load_policy
 from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return, spread
-from ogmp_sb3.runs import default_out, owner
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import default_out, owner
 from ogmp_sb3.subject import Subject
 from ogmp_sb3.traces import Trace
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.runs import Run
+from ogmp_sb3.runs.logs import STEP_COLUMN
+from ogmp_sb3.runs.multirun import setting
+from ogmp_sb3.runs.run_directory import Run
 from ogmp_sb3.sweeps import alike, brief, describe, mean_curve, shown, sort_out
 
 
@@ -68,7 +69,7 @@ def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
     pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
     jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
     found = alike(jobs, ["oracle", "rho", "seed"], "rho", lambda job: [0.0])
-    assert [(j.setting("oracle"), j.setting("rho"), j.setting("seed")) for j in found] == [
+    assert [(setting(j, "oracle"), setting(j, "rho"), setting(j, "seed")) for j in found] == [
         ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
     ]  # fmt: skip
     assert alike([], ["rho"], "rho", lambda job: [0.0]) == []
@@ -78,14 +79,14 @@ def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
 def test_of_jobs_that_are_alike_the_best_are_taken(score: float, rho: float) -> None:
     jobs = [job(oracle=oracle, rho=r) for r in (0.1, 0.3) for oracle in ("lqr", "preview")]
     jobs.append(job(oracle="lqr", rho=0.5))  # the best, and alone
-    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: [0.0, score * job.setting("rho")])
-    assert [(j.setting("oracle"), j.setting("rho")) for j in found] == [("lqr", rho), ("preview", rho)]
+    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: [0.0, score * setting(job, "rho")])
+    assert [(setting(j, "oracle"), setting(j, "rho")) for j in found] == [("lqr", rho), ("preview", rho)]
 
 
 def test_the_same_training_in_two_directories_counts_once() -> None:
     jobs = [job(rho=0.3, seed=0), job(rho=0.3, seed=0), job(rho=0.3, seed=1), job(rho=0.5, seed=0)]
     lines = sort_out(jobs).panels[0].lines
-    assert [[run.setting("seed") for run in line.runs] for line in lines] == [[0, 1], [0]]
+    assert [[setting(run, "seed") for run in line.runs] for line in lines] == [[0, 1], [0]]
 
 
 def test_the_curve_of_one_run_is_its_log() -> None:

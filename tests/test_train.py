@@ -23,10 +23,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from helpers.paths import ROOT
 from helpers.programs import SMALL, program, progress
-from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
 from ogmp_sb3.config.catalogue import TASKS_DIR
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.logs import EpisodeStatistics
+from ogmp_sb3.runs.callbacks import EpisodeStatistics
+from ogmp_sb3.runs.checkpoint import latest_checkpoint
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import checkpoint_dirs
 
 
 @pytest.fixture(scope="module")

@@ -12,24 +12,14 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
-from omegaconf import OmegaConf
-
 from ogmp_sb3.config.messages import Where, describe, did_you_mean
-from ogmp_sb3.files import replacing
 
 T = TypeVar("T")
 
 LARGEST = 2**63  # whole numbers lie between this and its negative
 GREATEST = 1e12  # of numbers, either sign: nothing that is counted in m, s, kg, N or rad is greater
-
-
-def write_yaml(path: Path, data: dict[str, Any]) -> None:
-    """Write plain data as YAML, all or nothing."""
-    with replacing(path) as file:
-        OmegaConf.save(OmegaConf.create(data), file)
 
 
 def read(kind: type[T], data: Any, where: Where) -> T:

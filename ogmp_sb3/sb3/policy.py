@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,6 @@ from gymnasium import spaces
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
-
-from ogmp_sb3.storage import check_shapes
 
 LstmStates = tuple[th.Tensor, th.Tensor]
 
@@ -84,41 +81,6 @@ class LstmPolicy(RecurrentActorCriticPolicy):
         inputs = features.reshape(sequences, length, lstm.input_size).transpose(0, 1)
         output, states = lstm(inputs, (lstm_states[0] * keep, lstm_states[1] * keep))
         return output.transpose(0, 1).flatten(0, 1), states
-
-
-@dataclass(frozen=True, kw_only=True)
-class NetworkSize:
-    """The LSTMs of actor and critic."""
-
-    lstm_hidden_size: int
-    """of each layer"""
-    n_lstm_layers: int
-    """of each network"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Network:
-    """All that the weights of a policy need to be one."""
-
-    scale: tuple[float, ...]
-    """typical sizes of the observation's components"""
-    actions: int
-    """length of an action"""
-    kwargs: NetworkSize
-    """of the LSTMs"""
-
-    def check(self, weights: dict[str, th.Tensor]) -> None:
-        """Hold the sizes against the weights, before anything of these sizes is made.
-
-        :raises ValueError: if they differ
-        """
-        hidden, last = self.kwargs.lstm_hidden_size, self.kwargs.n_lstm_layers - 1
-        expected = {
-            "features_extractor.mean": (len(self.scale),),
-            f"lstm_actor.weight_hh_l{last}": (4 * hidden, hidden),
-            "action_net.bias": (self.actions,),
-        }
-        check_shapes(expected, weights)
 
 
 def policy_kwargs(

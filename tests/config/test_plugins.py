@@ -37,7 +37,7 @@ from ogmp_sb3.guidance.oracles import Plant
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import SetPoints
 from ogmp_sb3.guidance.srb import POS, VEL
-from ogmp_sb3.sb3.hyperparameters import versions
+from ogmp_sb3.runs.settings import versions
 
 EXAMPLE = ROOT / "examples" / "ogmp_pup"
 STAIRS = task_path("stairs").read_text(encoding="utf-8")

@@ -14,8 +14,9 @@ from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env import batch_env as env_module
-from ogmp_sb3.env.failed_step import MOST, UnstableStep, capture, load_step, replay, save_step
-from ogmp_sb3.runs import read_log
+from ogmp_sb3.env.failed_step import UnstableStep, capture, replay
+from ogmp_sb3.runs.failed_steps import MOST, load_step, save_step
+from ogmp_sb3.runs.run_directory import read_log
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 PATH = TASKS_DIR / "parkour.yaml"

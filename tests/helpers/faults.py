@@ -11,8 +11,8 @@ from pathlib import Path
 
 import torch as th
 
-from ogmp_sb3.files import LOCK, fresh, put_in_place
-from ogmp_sb3.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
+from ogmp_sb3.runs.atomic import LOCK, fresh, put_in_place
+from ogmp_sb3.runs.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
 
 WATCHED = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate", "shutil.rmtree", "shutil.copyfile")
 NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -9,10 +9,10 @@ import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
-from ogmp_sb3.checkpoints import save_checkpoint
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
+from ogmp_sb3.runs.checkpoint import save_checkpoint
 from ogmp_sb3.sb3.policy import policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv

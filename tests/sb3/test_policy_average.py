@@ -12,8 +12,8 @@ from safetensors.torch import load_file
 
 from helpers.programs import SMALL, program
 from ogmp_sb3 import make_env
-from ogmp_sb3.checkpoints import checkpoint_dirs
-from ogmp_sb3.loading import load_policy
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import checkpoint_dirs
 from ogmp_sb3.sb3.policy_average import PolicyAverage
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 

@@ -14,7 +14,7 @@ from helpers.programs import program
 from ogmp_sb3 import load_task
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.guidance.terrain import NOTHING, height_at
-from ogmp_sb3.loading import load_policy
+from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 STEPS = 12

@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from helpers.programs import SMALL
-from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.catalogue import ROBOTS_DIR, TASKS_DIR
+from ogmp_sb3.runs.run_directory import checkpoint_dirs
 
 LAUNCHERS = {
     "joblib": ("sweep", ["hydra.launcher.n_jobs=2"]),

@@ -9,8 +9,8 @@ import pytest
 
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.episodes import play_episodes
-from ogmp_sb3.loading import load_policy
 from ogmp_sb3.metrics import flip_and_land, max_heading_speed_mps, track_displacement
+from ogmp_sb3.runs.policies import load_policy
 
 
 def test_parkour_runs_its_tracks_without_a_fall() -> None:

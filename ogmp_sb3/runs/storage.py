@@ -11,10 +11,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import torch as th
+from omegaconf import OmegaConf
 from safetensors import SafetensorError
 from safetensors.torch import load, save_file
 
-from ogmp_sb3.files import replacing
+from ogmp_sb3.runs.atomic import replacing
 
 MANIFEST = "manifest.json"
 _ERROR_CODE = re.compile(r"(?:os error|code:) (\d+)")  # how Rust writes the number of a system error
@@ -104,3 +105,9 @@ def load_json(path: Path) -> dict[str, Any]:
 def checksum(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write_yaml(path: Path, data: dict[str, Any]) -> None:
+    """Write plain data as YAML, all or nothing."""
+    with replacing(path) as file:
+        OmegaConf.save(OmegaConf.create(data), file)

@@ -9,7 +9,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from helpers.faults import NO_SPACE
-from ogmp_sb3.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows
+from ogmp_sb3.runs.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows
 
 
 def row(step: int, **more: float) -> dict[str, float]:

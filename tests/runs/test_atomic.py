@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.faults import hidden, killed_at, read_version, write_version
-from ogmp_sb3.files import LOCK, alone, occupied, remove, replacing, tidy
+from ogmp_sb3.runs.atomic import LOCK, alone, occupied, remove, replacing, tidy
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -73,7 +73,9 @@ def test_tidying_leaves_what_is_not_of_its_names(tmp_path: Path) -> None:
 
 
 def test_two_processes_cannot_write_in_one_directory_and_a_lock_goes_with_its_process(tmp_path: Path) -> None:
-    code = "import os, sys; from ogmp_sb3.files import alone\nwith alone(__import__('pathlib').Path(sys.argv[1])): "
+    code = (
+        "import os, sys; from ogmp_sb3.runs.atomic import alone\nwith alone(__import__('pathlib').Path(sys.argv[1])): "
+    )
     holder = [sys.executable, "-c", code + "print('has it', flush=True); sys.stdin.read()", str(tmp_path)]
     with subprocess.Popen(holder, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -9,18 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch as th
 from gymnasium import spaces
 
-from ogmp_sb3.checkpoints import (
-    CHECKPOINTS,
-    ENCODER,
-    FORMAT,
-    INFO,
-    WEIGHTS,
-    latest_checkpoint,
-    policy_weights,
-    put_weights,
-)
 from ogmp_sb3.config.catalogue import PACKAGE, task_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
@@ -29,9 +20,11 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.guidance.latent import changed_file, encoder_dir
-from ogmp_sb3.sb3.policy import LstmPolicy, Network, policy_kwargs
-from ogmp_sb3.sb3_zip import load_zip
-from ogmp_sb3.storage import MANIFEST, load_json, verify
+from ogmp_sb3.runs.checkpoint import FORMAT, latest_checkpoint, policy_weights, put_weights
+from ogmp_sb3.runs.run_directory import CHECKPOINTS, ENCODER, INFO, WEIGHTS
+from ogmp_sb3.runs.sb3_zip import load_zip
+from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, verify
+from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 
 POLICIES_DIR = PACKAGE / "policies"
 KNOWN = {"num_timesteps": int | None, "return": float | None, "versions": dict[str, str] | None}  # in policy.json
@@ -155,3 +148,38 @@ def policy_dir(run: str | Path) -> Path:
         return shipped
     names = [p.parent.name for p in POLICIES_DIR.glob(f"*/{INFO}")]
     raise KeyError(f"'{run}' is neither a run directory nor a shipped policy{did_you_mean(str(run), names)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSize:
+    """The LSTMs of actor and critic."""
+
+    lstm_hidden_size: int
+    """of each layer"""
+    n_lstm_layers: int
+    """of each network"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network:
+    """All that the weights of a policy need to be one."""
+
+    scale: tuple[float, ...]
+    """typical sizes of the observation's components"""
+    actions: int
+    """length of an action"""
+    kwargs: NetworkSize
+    """of the LSTMs"""
+
+    def check(self, weights: dict[str, th.Tensor]) -> None:
+        """Hold the sizes against the weights, before anything of these sizes is made.
+
+        :raises ValueError: if they differ
+        """
+        hidden, last = self.kwargs.lstm_hidden_size, self.kwargs.n_lstm_layers - 1
+        expected = {
+            "features_extractor.mean": (len(self.scale),),
+            f"lstm_actor.weight_hh_l{last}": (4 * hidden, hidden),
+            "action_net.bias": (self.actions,),
+        }
+        check_shapes(expected, weights)

@@ -10,7 +10,7 @@ import pytest
 import torch as th
 
 from helpers.learners import learner, update
-from ogmp_sb3.trainer import set_state, state
+from ogmp_sb3.runs.learner_state import set_state, state
 
 
 @pytest.fixture(scope="module")

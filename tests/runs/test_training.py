@@ -20,19 +20,18 @@ from safetensors.torch import load_file
 
 from helpers.paths import ROOT
 from helpers.programs import SMALL, program
-from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.catalogue import PACKAGE, task_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
-from ogmp_sb3.files import alone
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.runs import read_log, read_run
-from ogmp_sb3.sb3.hyperparameters import TrainConfig
-from ogmp_sb3.storage import write_manifest
-from ogmp_sb3.training import run_config, train
+from ogmp_sb3.runs.atomic import alone
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import checkpoint_dirs, read_log, read_run, run_config
+from ogmp_sb3.runs.settings import TrainConfig
+from ogmp_sb3.runs.storage import write_manifest
+from ogmp_sb3.runs.training import train
 
 CONF = PACKAGE / "conf"
 

@@ -14,25 +14,33 @@ from typing import Any
 import torch as th
 from stable_baselines3.common.callbacks import CallbackList
 
-from ogmp_sb3.checkpoints import ENCODER, TRAINER, checkpoint_dirs, checkpoint_info, latest_checkpoint
 from ogmp_sb3.config.messages import Where
-from ogmp_sb3.config.strict import read, write_yaml
+from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
-from ogmp_sb3.files import alone, reason
 from ogmp_sb3.guidance.latent import changed_file, copy_encoder
-from ogmp_sb3.logs import EpisodeStatistics, ProgressBar, UnstableSteps, make_logger
-from ogmp_sb3.saving import CONFIG, Checkpoints, StopTraining, complete_best, entry, mean_return, tidy_run
-from ogmp_sb3.sb3.hyperparameters import TrainConfig, thread_count, versions
+from ogmp_sb3.runs.atomic import alone, reason
+from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mean_return
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, UnstableSteps
+from ogmp_sb3.runs.checkpoint import latest_checkpoint
+from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
+from ogmp_sb3.runs.logs import make_logger
+from ogmp_sb3.runs.run_directory import (
+    CONFIG,
+    ENCODER,
+    RESUMABLE,
+    TRAINER,
+    checkpoint_dirs,
+    checkpoint_info,
+    run_config,
+    tidy_run,
+)
+from ogmp_sb3.runs.settings import TrainConfig, thread_count, versions
+from ogmp_sb3.runs.storage import load_json, write_yaml
 from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy_average import PolicyAverage
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
-from ogmp_sb3.storage import load_json
 
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
-# What may change when a run goes on.
-RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
 
 
 def begin_or_go_on(
@@ -85,18 +93,6 @@ def _check_same(file: Path, found: dict[str, Any], wanted: dict[str, Any], key: 
                 f"{file}: holds another run: '{inner}' is {before!r} there and {now!r} here. "
                 "Choose another directory, or remove that one."
             )
-
-
-def run_config(run_dir: Path) -> dict[str, Any]:
-    """The ``config.yaml`` of a run: its task, the file that came from, and its settings.
-
-    :raises ValueError: if it is damaged or missing
-    """
-    file = run_dir / CONFIG
-    data, where = read_yaml(file), Where(str(file))
-    for key, kind in {"task": dict[str, Any], "task_file": str, "train": dict[str, Any]}.items():
-        entry(data, key, kind, where)
-    return data
 
 
 def train(

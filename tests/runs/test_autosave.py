@@ -14,14 +14,18 @@ import pytest
 from helpers.faults import NO_SPACE, hidden, killed_at
 from helpers.learners import ROLLOUT, learner, policy_info, update
 from helpers.programs import SMALL, program, progress
-from ogmp_sb3 import checkpoints, logs, saving
-from ogmp_sb3.checkpoints import checkpoint_dirs, latest_checkpoint
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
-from ogmp_sb3.saving import Checkpoints, tidy_run
-from ogmp_sb3.sb3.hyperparameters import TrainConfig, default_ppo
+from ogmp_sb3.runs import autosave as saving
+from ogmp_sb3.runs import checkpoint as checkpoints
+from ogmp_sb3.runs import logs
+from ogmp_sb3.runs.autosave import Checkpoints
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, UnstableSteps
+from ogmp_sb3.runs.checkpoint import latest_checkpoint
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import checkpoint_dirs, tidy_run
+from ogmp_sb3.runs.settings import TrainConfig
+from ogmp_sb3.runs.storage import verify
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
-from ogmp_sb3.storage import verify
 
 KEPT = 2
 
@@ -174,7 +178,7 @@ def test_damaged_checkpoints_are_set_aside_and_never_push_whole_ones_out(two_sav
 def test_statistics_that_are_none_are_a_sentence(change, two_saved, tmp_path: Path, monkeypatch) -> None:
     model, saved = two_saved
     good = {"sums": {}, "causes": {}, "restarts": {}, "best": [1.0, 1.0]}
-    monkeypatch.setattr("ogmp_sb3.saving.load_trainer", lambda *_: {**good, **change} if change else {})
+    monkeypatch.setattr("ogmp_sb3.runs.autosave.load_trainer", lambda *_: {**good, **change} if change else {})
     with pytest.raises(ValueError, match=r"trainer.json: 'statistics.(sums|causes|restarts|best)"):
         saver(model, saved).restore(latest_checkpoint(saved))
 

@@ -13,7 +13,7 @@ import pytest
 import torch as th
 
 from helpers.faults import write_version
-from ogmp_sb3.storage import MANIFEST, check_shapes, load_json, load_tensors, save_tensors, verify
+from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, load_tensors, save_tensors, verify
 
 
 @pytest.fixture

@@ -17,18 +17,15 @@ import torch as th
 
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.files import fresh, put_in_place, remove
 from ogmp_sb3.guidance.latent import copy_encoder
+from ogmp_sb3.runs.atomic import fresh, put_in_place, remove
+from ogmp_sb3.runs.learner_state import set_state, state
+from ogmp_sb3.runs.run_directory import ENCODER, INFO, TRAINER, WEIGHTS, checkpoint_dirs
+from ogmp_sb3.runs.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
-from ogmp_sb3.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
-from ogmp_sb3.trainer import set_state, state
 
 FORMAT = 1
-CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples
-WEIGHTS, INFO = "policy.safetensors", "policy.json"
-TRAINER = ("trainer.safetensors", "trainer.json")
-ENCODER = "encoder"  # directory beside the weights: the encoder a policy was trained with
 LAST = "policy."  # begins the names of the weights a training goes on from, where the policy kept is an average
 
 Weights = dict[str, th.Tensor]
@@ -130,20 +127,6 @@ def policy_weights(folder: Path) -> Weights:
         if not th.isfinite(tensor).all():
             raise ValueError(f"{folder / WEIGHTS}: '{name}' holds numbers that are not finite.")
     return tensors
-
-
-def checkpoint_dirs(run_dir: Path) -> list[Path]:
-    """All checkpoints of a run, oldest first."""
-    found = (run_dir / CHECKPOINTS).glob("[0-9]*")
-    return sorted(p for p in found if p.name.isdecimal() and (p / INFO).is_file())
-
-
-def checkpoint_info(folder: Path) -> dict[str, Any]:
-    """What the ``policy.json`` of a checkpoint says: the task, the samples, the mean return, the versions.
-
-    :raises ValueError: if it is damaged or missing
-    """
-    return load_json(folder / INFO)
 
 
 def latest_checkpoint(run_dir: Path) -> Path:

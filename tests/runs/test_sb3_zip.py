@@ -11,8 +11,8 @@ import pytest
 
 from helpers.learners import learner, update
 from helpers.programs import program
-from ogmp_sb3.loading import load_policy
-from ogmp_sb3.sb3_zip import PICKLES, load_zip
+from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.sb3_zip import PICKLES, load_zip
 
 
 class Bomb:

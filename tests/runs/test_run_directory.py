@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.failures import FAILURE
-from ogmp_sb3.files import alone
-from ogmp_sb3.logs import STEP_COLUMN
-from ogmp_sb3.runs import read_log, read_run, read_sweep, swept_keys
+from ogmp_sb3.runs.atomic import alone
+from ogmp_sb3.runs.logs import STEP_COLUMN
+from ogmp_sb3.runs.multirun import read_sweep, setting, swept_keys
+from ogmp_sb3.runs.run_directory import FAILURE, read_log, read_run
 
 
 def write_log(path: Path, steps: list[int], **columns: list[float | str]) -> None:
@@ -94,13 +94,13 @@ def test_the_final_value_is_the_mean_of_the_last_rows(tmp_path: Path) -> None:
 
 def test_a_setting_is_that_of_the_command_line_or_else_of_the_configuration(tmp_path: Path) -> None:
     run = read_run(make_run(tmp_path / "run", ["task=parkour", "rho=null", "+task.horizon=15", "task.bound={z:1}"]))
-    assert run.setting("rho") is None
-    assert run.setting("horizon") == 15
-    assert run.setting("bound") == {"z": 1}
-    assert (run.setting("oracle"), run.setting("action.scale"), run.setting("seed")) == ("preview", 2.0, 0)
-    assert run.setting("nonsense") is None
+    assert setting(run, "rho") is None
+    assert setting(run, "horizon") == 15
+    assert setting(run, "bound") == {"z": 1}
+    assert (setting(run, "oracle"), setting(run, "action.scale"), setting(run, "seed")) == ("preview", 2.0, 0)
+    assert setting(run, "nonsense") is None
     twice = read_run(make_run(tmp_path / "twice", ["rho=0.1", "rho=0.5", "task.rho=0.3", "task.horizon=7"]))
-    assert (twice.setting("rho"), twice.setting("horizon")) == (0.5, 7)  # as in training
+    assert (setting(twice, "rho"), setting(twice, "horizon")) == (0.5, 7)  # as in training
     assert run.command == "ogmp-train task=parkour rho=null +task.horizon=15 'task.bound={z:1}'"
 
 
@@ -119,7 +119,7 @@ def make_sweep(folder: Path, sweeper: str = "hydra._internal.core_plugins.basic_
 
 def test_a_sweep_lists_every_job_that_was_asked_for_in_order(tmp_path: Path) -> None:
     jobs = read_sweep(make_sweep(tmp_path))
-    assert [(job.setting("rho"), job.setting("oracle"), job.state) for job in jobs] == [
+    assert [(setting(job, "rho"), setting(job, "oracle"), job.state) for job in jobs] == [
         (0.3, "linear", "finished"),
         (0.3, "lqr", "stopped"),
         (0.5, "linear", "failed"),
@@ -149,7 +149,7 @@ def test_the_one_job_that_a_ready_sweep_misses_is_listed(tmp_path: Path) -> None
             make_run(tmp_path / str(i), overrides, steps=1000)
     jobs = read_sweep(tmp_path)
     assert len(jobs) == 2 * len(values)
-    assert [(job.setting("rho"), job.setting("seed")) for job in jobs if job.state == "missing"] == [(0.4, 1)]
+    assert [(setting(job, "rho"), setting(job, "seed")) for job in jobs if job.state == "missing"] == [(0.4, 1)]
     assert swept_keys(jobs) == ["rho", "seed"]
 
 
@@ -174,9 +174,9 @@ def test_a_sweep_that_was_extended_lists_each_job_once_and_differs_in_no_budget(
     make_run(tmp_path / "b", ["task=parkour", "rho=0.5", "total_timesteps=1000"], steps=1000)
     make_run(tmp_path / "c", ["task=parkour", "rho=0.7", "total_timesteps=1000"], steps=1000)
     jobs = read_sweep(tmp_path)
-    assert [(job.setting("rho"), job.state) for job in jobs] == [(rho, "finished") for rho in (0.3, 0.5, 0.7)]
+    assert [(setting(job, "rho"), job.state) for job in jobs] == [(rho, "finished") for rho in (0.3, 0.5, 0.7)]
     assert swept_keys(jobs) == ["rho"]
-    assert [job.setting("rho") for job in read_sweep(tmp_path, asked=True)] == [0.3, 0.5]
+    assert [setting(job, "rho") for job in read_sweep(tmp_path, asked=True)] == [0.3, 0.5]
 
 
 def test_a_sweep_that_names_no_values_lists_what_is_there(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_runs_put_into_one_directory_by_hand_are_a_sweep(tmp_path: Path) -> None
     make_run(tmp_path / "b", ["task=parkour", "rho=0.1"], steps=100)
     jobs = read_sweep(tmp_path)
     assert swept_keys(jobs) == ["rho"]
-    assert [job.setting("rho") for job in jobs] == [0.5, 0.1]  # one by its config.yaml
+    assert [setting(job, "rho") for job in jobs] == [0.5, 0.1]  # one by its config.yaml
 
 
 def test_a_directory_without_jobs_is_a_sentence(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from ogmp_sb3.config.messages import Where, describe
 from ogmp_sb3.config.strict import read
+from ogmp_sb3.runs.storage import check_shapes
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
-from ogmp_sb3.storage import check_shapes
 
 MOMENTS = ("exp_avg", "exp_avg_sq")  # of Adam
 # What numbers that are not those of a learner can end in, in NumPy, PyTorch and our own environments.

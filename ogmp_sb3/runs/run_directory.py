@@ -1,35 +1,38 @@
-"""Run directories and multirun directories, as ``ogmp-train`` leaves them: what was asked for, and how far it got."""
+"""Run directories, as ``ogmp-train`` leaves them: what was asked for, and how far it got."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shlex
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from ogmp_sb3.checkpoints import checkpoint_dirs
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import UNREADABLE, read_yaml
-from ogmp_sb3.failures import FAILURE
-from ogmp_sb3.files import occupied
-from ogmp_sb3.logs import STEP_COLUMN, read_rows
-from ogmp_sb3.saving import CONFIG, entry
-from ogmp_sb3.training import RESUMABLE
+from ogmp_sb3.runs.atomic import occupied, tidy
+from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
+from ogmp_sb3.runs.logs import STEP_COLUMN, read_rows
+from ogmp_sb3.runs.storage import load_json
+
+BEST = "best"  # in a run directory: the best policy so far
+CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
+# What may change when a run goes on.
+RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
+FAILURE = "failure.txt"  # in the directory of a job that failed: why
+LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
+CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples
+WEIGHTS, INFO = "policy.safetensors", "policy.json"
+TRAINER = ("trainer.safetensors", "trainer.json")
+ENCODER = "encoder"  # directory beside the weights: the encoder a policy was trained with
 
 FINISHED, RUNNING, STOPPED, FAILED = "finished", "running", "stopped", "failed"
-MISSING, DAMAGED = "missing", "damaged"
 LAST_ROWS = 5  # rows of progress.csv that a final value is the mean of
-LOG, OVERRIDES, MULTIRUN = "progress.csv", ".hydra/overrides.yaml", "multirun.yaml"
 
 
 @dataclass(frozen=True)
@@ -73,20 +76,6 @@ class Run:
         values = values[np.isfinite(values)]
         return float(values.mean()) if len(values) else float("nan")
 
-    def setting(self, key: str) -> Any:
-        """The value of a key of the command line; one that was not given is looked up in ``config.yaml``."""
-        given = [override for override in self.overrides if plain_key(override.partition("=")[0]) == key]
-        if given:
-            short = [override for override in given if "task." not in override.partition("=")[0]]  # it is the one used
-            return OverridesParser.create().parse_override((short or given)[-1]).value()
-        for part in ("task", "train"):
-            node = self.config.get(part)
-            for name in key.split("."):
-                node = node.get(name) if isinstance(node, dict) else None
-            if node is not None:
-                return node
-        return None
-
 
 def owner(run: str) -> Path | None:
     """The run directory that a policy lies in, else its own directory; None for a shipped policy and for a ``.zip``."""
@@ -121,62 +110,10 @@ def read_run(path: Path) -> Run:
     if "overrides" in config:
         overrides = entry(config, "overrides", tuple[str, ...], Where(str(path / CONFIG)))
     else:  # not begun; what Hydra keeps is that of the last attempt
-        overrides = _read_overrides(path / OVERRIDES)
+        overrides = read_overrides(path / OVERRIDES)
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
     problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
     return Run(path, overrides, config, log, _state(path, config, log), problem)
-
-
-def read_sweep(path: Path, asked: bool = False) -> list[Run]:
-    """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
-
-    A job with a file that cannot be read is one of them, with the reason.
-
-    :param asked: leave out those that another command line asked for, where that is known
-    :raises ValueError: if it holds no job
-    """
-    jobs = [_read_job(folder) for folder in _job_folders(path)]
-    wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
-    found = {_identity(job.overrides) for job in jobs}
-    if asked and wanted:
-        jobs = [job for job in jobs if _identity(job.overrides) in wanted]
-    jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
-    if not jobs:
-        raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
-    order = {job: i for i, job in enumerate(wanted)}
-    return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
-
-
-def _read_job(path: Path) -> Run:
-    """A run directory, without what is in it if a file of it cannot be read."""
-    try:
-        return read_run(path)
-    except ValueError as error:
-        try:
-            overrides = _read_overrides(path / OVERRIDES)
-        except ValueError:
-            overrides = ()
-        return Run(path, overrides, {}, {}, DAMAGED, str(error))
-
-
-def _job_folders(path: Path) -> Iterator[Path]:
-    """Directories of jobs, at any depth: a value with a slash makes one within another. Multiruns within are left."""
-    for folder in sorted(p for p in path.iterdir() if p.is_dir() and not (p / MULTIRUN).is_file()):
-        if (folder / CONFIG).is_file() or (folder / OVERRIDES).is_file():
-            yield folder
-        elif not (folder.is_symlink() or folder.name.startswith(".")):
-            yield from _job_folders(folder)
-
-
-def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
-    """What tells a job from the others: its command line without what may change when it goes on."""
-    return frozenset(override for override in overrides if plain_key(override.partition("=")[0]) not in RESUMABLE)
-
-
-def swept_keys(jobs: list[Run]) -> list[str]:
-    """The keys of the command line in which jobs differ, but for what may change when they go on."""
-    names = dict.fromkeys(plain_key(override.partition("=")[0]) for job in jobs for override in job.overrides)
-    return [key for key in names if key not in RESUMABLE and len({str(job.setting(key)) for job in jobs}) > 1]
 
 
 def read_log(path: Path) -> dict[str, np.ndarray]:
@@ -188,7 +125,7 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
     return {key: np.array([float(row[key] or "nan") for row in rows]) for key in (rows[0] if rows else ())}
 
 
-def _read_overrides(path: Path) -> tuple[str, ...]:
+def read_overrides(path: Path) -> tuple[str, ...]:
     """What Hydra has kept of a command line; nothing if it kept none."""
     if not path.is_file():
         return ()
@@ -214,21 +151,51 @@ def _state(path: Path, config: dict[str, Any], log: dict[str, np.ndarray]) -> st
     return STOPPED if checkpoint_dirs(path) else FAILED
 
 
-def _wanted(path: Path) -> list[tuple[str, ...]]:
-    """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
-    hydra = read_yaml(path).get("hydra", {})
-    sweeper = hydra.get("sweeper", {})
-    if not str(sweeper.get("_target_", "")).endswith(BasicSweeper.__name__):
-        return []
-    params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
-    given = [*params, *hydra.get("overrides", {}).get("task", [])]
+def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:
+    """A value of plain data, checked.
+
+    :raises ValueError: if it is missing or not of the kind
+    """
+    if key not in data:
+        raise ValueError(f"{where / key} is missing.")
     try:
-        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(given), None)
-    except HydraException:  # glob(*), for one, needs the configuration that was searched
-        return []
-    return [tuple(job) for job in jobs]
+        return read(kind, data[key], where / key)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
 
 
-def plain_key(key: str) -> str:
-    """The name of a setting, which ``task.rho``, ``+rho`` and ``rho`` all mean."""
-    return key.lstrip("+~").removeprefix("task.")
+def tidy_run(run_dir: Path) -> None:
+    """Put right what a kill or a full disk has left in a run directory."""
+    for folder, names in (
+        (run_dir, BEST),
+        (run_dir, CONFIG),
+        (run_dir / CHECKPOINTS, "*"),
+        (run_dir / UNSTABLE, "*"),
+    ):
+        tidy(folder, names)
+
+
+def run_config(run_dir: Path) -> dict[str, Any]:
+    """The ``config.yaml`` of a run: its task, the file that came from, and its settings.
+
+    :raises ValueError: if it is damaged or missing
+    """
+    file = run_dir / CONFIG
+    data, where = read_yaml(file), Where(str(file))
+    for key, kind in {"task": dict[str, Any], "task_file": str, "train": dict[str, Any]}.items():
+        entry(data, key, kind, where)
+    return data
+
+
+def checkpoint_dirs(run_dir: Path) -> list[Path]:
+    """All checkpoints of a run, oldest first."""
+    found = (run_dir / CHECKPOINTS).glob("[0-9]*")
+    return sorted(p for p in found if p.name.isdecimal() and (p / INFO).is_file())
+
+
+def checkpoint_info(folder: Path) -> dict[str, Any]:
+    """What the ``policy.json`` of a checkpoint says: the task, the samples, the mean return, the versions.
+
+    :raises ValueError: if it is damaged or missing
+    """
+    return load_json(folder / INFO)

@@ -12,32 +12,19 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from ogmp_sb3.checkpoints import (
-    CHECKPOINTS,
-    checkpoint_dirs,
-    checkpoint_info,
-    copy_policy,
-    load_trainer,
-    policy_weights,
-    save_checkpoint,
-    try_checkpoint,
-)
 from ogmp_sb3.config.messages import Where
-from ogmp_sb3.config.strict import read
-from ogmp_sb3.env.failed_step import FOLDER as UNSTABLE
-from ogmp_sb3.files import reason, remove, tidy
-from ogmp_sb3.logs import EpisodeStatistics, UnstableSteps
-from ogmp_sb3.sb3.hyperparameters import TrainConfig
+from ogmp_sb3.runs.atomic import reason, remove
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, UnstableSteps
+from ogmp_sb3.runs.checkpoint import copy_policy, load_trainer, policy_weights, save_checkpoint, try_checkpoint
+from ogmp_sb3.runs.learner_state import check_numbers
+from ogmp_sb3.runs.run_directory import BEST, CHECKPOINTS, checkpoint_dirs, checkpoint_info, entry, tidy_run
+from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.sb3.policy_average import PolicyAverage
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
-from ogmp_sb3.trainer import check_numbers
 
 Score = tuple[float, float]
 """By what the best policy is chosen: the curriculum's level in tenths first, then the mean return."""
 NOTHING: Score = (-1.0, -1e9)  # below all scores
-
-BEST = "best"  # in a run directory: the best policy so far
-CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 
 
 class StopTraining(Exception):
@@ -189,36 +176,12 @@ def complete_best(run_dir: Path, best_at: int) -> None:
         copy_policy(checkpoint, run_dir / BEST)
 
 
-def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:
-    """A value of plain data, checked.
-
-    :raises ValueError: if it is missing or not of the kind
-    """
-    if key not in data:
-        raise ValueError(f"{where / key} is missing.")
-    try:
-        return read(kind, data[key], where / key)
-    except TypeError as error:
-        raise ValueError(str(error)) from None
-
-
 def _samples(folder: Path) -> Any:
     """The samples of a policy; None if there is none that can be read."""
     try:
         return checkpoint_info(folder).get("num_timesteps")
     except ValueError:
         return None
-
-
-def tidy_run(run_dir: Path) -> None:
-    """Put right what a kill or a full disk has left in a run directory."""
-    for folder, names in (
-        (run_dir, BEST),
-        (run_dir, CONFIG),
-        (run_dir / CHECKPOINTS, "*"),
-        (run_dir / UNSTABLE, "*"),
-    ):
-        tidy(folder, names)
 
 
 def mean_return(model: RecurrentPPO) -> float:

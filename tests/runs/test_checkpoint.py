@@ -17,17 +17,11 @@ from safetensors.torch import load_file, save_file
 
 from helpers.learners import learner, policy_info, update
 from helpers.programs import SMALL, program
-from ogmp_sb3.checkpoints import (
-    checkpoint_dirs,
-    copy_policy,
-    latest_checkpoint,
-    load_trainer,
-    save_checkpoint,
-    try_checkpoint,
-)
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.loading import POLICIES_DIR, load_policy, policy_dir
-from ogmp_sb3.storage import MANIFEST, verify, write_manifest
+from ogmp_sb3.runs.checkpoint import copy_policy, latest_checkpoint, load_trainer, save_checkpoint, try_checkpoint
+from ogmp_sb3.runs.policies import POLICIES_DIR, load_policy, policy_dir
+from ogmp_sb3.runs.run_directory import checkpoint_dirs
+from ogmp_sb3.runs.storage import MANIFEST, verify, write_manifest
 
 
 @pytest.fixture(scope="module")

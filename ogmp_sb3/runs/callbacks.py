@@ -1,0 +1,152 @@
+"""What a training counts and shows as it goes: episodes, failed simulations, the time left."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from ogmp_sb3.env.failed_step import UnstableStep
+from ogmp_sb3.runs.failed_steps import MOST, save_step
+from ogmp_sb3.runs.logs import warn_of
+
+
+def progress_bar(total: int, unit: str, done: int = 0) -> Any:
+    """A bar with the time left; where no terminal is, a line every half minute."""
+    interval = 0.5 if sys.stderr.isatty() else 30.0
+    return tqdm(total=total, initial=done, unit=unit, unit_scale=True, mininterval=interval, dynamic_ncols=True)
+
+
+class EpisodeStatistics(BaseCallback):
+    """Logs the episodes that ended since the last log: return, length, distance, terms, causes, deviation, level.
+
+    Episodes that began before an earlier fall are counted apart.
+
+    It also decides when a row is written: whenever the samples pass a multiple of ``every``, so that a resumed run
+    writes the same rows.
+
+    :param every: samples between two rows
+    """
+
+    sums: dict[str, float]
+    causes: dict[str, int]
+    restarts: dict[str, int]
+
+    def __init__(self, every: int) -> None:
+        super().__init__()
+        self.every = every
+        self._forget()
+
+    def state(self) -> dict[str, Any]:
+        """What was counted since the last row, as plain data."""
+        return {"sums": self.sums, "causes": self.causes, "restarts": self.restarts}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on where :meth:`state` was taken."""
+        self.sums, self.causes, self.restarts = state["sums"], state["causes"], state["restarts"]
+
+    def _forget(self) -> None:
+        self.sums, self.causes = {}, {}
+        self.restarts = {"episodes": 0, "survived": 0}
+
+    def _on_step(self) -> bool:
+        for i in np.flatnonzero(self.locals["dones"]):
+            info = self.locals["infos"][i]
+            if "restart" in info:
+                self.restarts["episodes"] += 1
+                self.restarts["survived"] += int(info["TimeLimit.truncated"])
+                continue
+            for key, value in info["episode"].items():
+                self.sums[key] = self.sums.get(key, 0.0) + value
+            self.causes[info["termination"]] = self.causes.get(info["termination"], 0) + 1
+        return True
+
+    def _on_rollout_end(self) -> None:
+        rollout = self.model.n_steps * self.model.n_envs  # type: ignore[attr-defined]
+        if self.num_timesteps // self.every == (self.num_timesteps - rollout) // self.every:
+            return
+        episodes = sum(self.causes.values())
+        names = {"r": "return", "l": "length"}
+        for key, total in self.sums.items():
+            if key != "t":
+                self.logger.record(f"episode/{names.get(key, key)}", total / episodes)
+        for cause, count in self.causes.items():
+            self.logger.record(f"termination/{cause}", count / episodes)
+        restarts = self.restarts["episodes"]
+        if restarts:
+            self.logger.record("restart/share", restarts / (restarts + episodes))
+            self.logger.record("restart/survived", self.restarts["survived"] / restarts)
+        self._forget()
+        self.model.dump_logs()
+
+
+class UnstableSteps(BaseCallback):
+    """Counts the simulations that failed, and keeps the first of them to be replayed (``ogmp-check unstable=``).
+
+    :param folder: where to keep them, at most :data:`~ogmp_sb3.env.failed_step.MOST`
+    :param seed: of environment 0
+    :param info: plain data: the task and its file, the versions
+    """
+
+    def __init__(self, folder: Path, seed: int, info: dict[str, Any]) -> None:
+        super().__init__()
+        self.folder, self.seed, self.info = folder, seed, info
+        self.count = 0
+        self._said = False
+
+    def _on_step(self) -> bool:
+        for row in np.flatnonzero(self.locals["dones"]).tolist():
+            step = self.locals["infos"][row].get("unstable")
+            if step is not None:
+                self.count += 1
+                self._keep(step, row)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        self.logger.record("train/unstable_episodes", self.count)
+
+    def _keep(self, step: UnstableStep, row: int) -> None:
+        if len(list(self.folder.glob("*.safetensors"))) >= MOST:
+            return
+        file = self.folder / f"{self.num_timesteps:012d}-{row}.safetensors"
+        try:
+            save_step(step, file, **self.info, num_timesteps=self.num_timesteps, seed=self.seed + row)
+        except OSError as error:
+            warn_of(file, error)
+            return
+        if not self._said:
+            text = f"A simulation failed at step {self.num_timesteps}: its episode ended, the others go on."
+            warnings.warn(f"{text} To see why:  ogmp-check unstable={file}", stacklevel=2)
+        self._said = True
+
+
+class ProgressBar(BaseCallback):
+    """Samples done, samples per second, time left, and how the episodes go.
+
+    :param total: samples of the whole run
+    """
+
+    def __init__(self, total: int) -> None:
+        super().__init__()
+        self.total = total
+
+    def _on_training_start(self) -> None:
+        self.bar = progress_bar(self.total, "sample", self.num_timesteps)
+
+    def _on_step(self) -> bool:
+        self.bar.update(self.num_timesteps - self.bar.n)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        buffer = self.model.ep_info_buffer
+        if buffer:
+            reward, length = np.mean([e["r"] for e in buffer]), np.mean([e["l"] for e in buffer])
+            self.bar.set_postfix_str(f"return {reward:.1f}, length {length:.0f}", refresh=False)
+
+    def _on_training_end(self) -> None:
+        self.bar.close()

@@ -1,0 +1,59 @@
+"""Files of control steps in which a simulation failed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.failed_step import UnstableStep
+from ogmp_sb3.runs.atomic import replacing
+
+FOLDER = "unstable"  # in a run directory
+MOST = 20  # files in it
+FORMAT = 1
+KEY = "ogmp"  # of the plain data in a file
+VARIED = ("mass", "friction", "gains")
+
+
+def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
+    """Write a step.
+
+    :param info: plain data to add; ``task`` and ``task_file``, without which it cannot be replayed, among it
+    :raises OSError: if the file cannot be written
+    """
+    arrays = {"state": step.state, "terrain": step.terrain, "action": step.action}
+    plain = {"format": FORMAT, **step.info, "varied": step.varied, **info}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        file.write_bytes(save(arrays, {KEY: json.dumps(plain)}))
+
+
+def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
+    """Read what :func:`save_step` wrote, with its task.
+
+    :raises ValueError: if the file is damaged or missing
+    """
+    try:
+        with safe_open(path, "numpy") as file:
+            plain = json.loads((file.metadata() or {})[KEY])
+            arrays = {name: file.get_tensor(name) for name in ("state", "terrain", "action")}
+        where = Where(str(path))
+        if read(int, plain["format"], where / "format") != FORMAT:
+            raise ValueError(f"format {plain['format']}, expected {FORMAT}")
+        task = task_from_data(
+            read(dict[str, Any], plain["task"], where / "task"),
+            Path(read(str, plain["task_file"], where / "task_file")),
+        )
+        read(dict[str, str], plain.get("versions", {}), where / "versions")
+        varied = {name: read(float, plain["varied"][name], where / name) for name in VARIED if name in plain["varied"]}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
+        raise ValueError(f"{path}: not readable as a step that failed ({' '.join(str(error).split())}).") from None
+    return UnstableStep(**arrays, varied=varied, info=plain), task

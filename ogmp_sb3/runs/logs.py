@@ -1,0 +1,147 @@
+"""What a training writes as it goes: ``progress.csv`` and the events of TensorBoard."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+import socket
+import time
+import warnings
+from io import BufferedWriter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.logger import KVWriter, Logger
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
+
+from ogmp_sb3.runs.atomic import reason, replacing
+
+STEP_COLUMN = "time/total_timesteps"
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a ``progress.csv``; one that was being written when the machine stopped is left out.
+
+    :raises ValueError: if it holds anything but numbers
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        lines = text.splitlines()
+        reader = csv.DictReader(lines if text.endswith("\n") else lines[:-1])
+        if (text.strip() or not text) and STEP_COLUMN not in (reader.fieldnames or ()):
+            raise KeyError(STEP_COLUMN)
+        rows = list(reader)
+        for row in rows:
+            for cell in row.values():
+                float(cell or "nan")
+    except (csv.Error, OSError, ValueError, KeyError, TypeError):
+        raise ValueError(f"{path}: not readable as a log of numbers; without that file, a new one is begun.") from None
+    return [row for row in rows if row[STEP_COLUMN]]
+
+
+class CsvWriter(KVWriter):
+    """``progress.csv``, continued where a resumed run stopped. A row that cannot be written waits for the next one.
+
+    :param path: the file
+    :param resumed_at: rows beyond this sample belong to what is run again, and go
+    """
+
+    def __init__(self, path: Path, resumed_at: int = 0) -> None:
+        self.path = path
+        self._whole = False
+        self.rows: list[dict[str, Any]] = []
+        if path.is_file() and resumed_at:
+            self.rows = [row for row in read_rows(path) if float(row[STEP_COLUMN]) <= resumed_at]
+        self.columns = list(self.rows[0]) if self.rows else []
+        self._rewrite()
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        row = {key: value for key, value in key_values.items() if "csv" not in (key_excluded.get(key) or ())}
+        self.rows.append(row)
+        new = [key for key in row if key not in self.columns]
+        self.columns = sorted(self.columns + new) if new else self.columns
+        try:
+            if new or not self._whole:
+                self._rewrite()
+            else:
+                self._append(row)
+        except OSError as error:
+            self._whole = False  # the file may end in half a row
+            warn_of(self.path, error)
+
+    def close(self) -> None:
+        if not self._whole:
+            with contextlib.suppress(OSError):  # said already
+                self._rewrite()
+
+    def _append(self, row: dict[str, Any]) -> None:
+        with self.path.open("a", newline="", encoding="utf-8") as file:
+            csv.DictWriter(file, self.columns).writerow(row)
+
+    def _rewrite(self) -> None:
+        with replacing(self.path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, self.columns)
+            writer.writeheader()
+            writer.writerows(self.rows)
+        self._whole = True
+
+
+class TensorBoardWriter(KVWriter):
+    """Numbers for TensorBoard, continued where a resumed run stopped.
+
+    Unlike PyTorch's writer it has no thread of its own, in which a full disk would end as a traceback.
+
+    :param folder: where the events go
+    :param resumed_at: TensorBoard forgets earlier events beyond this sample, which is run again
+    """
+
+    def __init__(self, folder: Path, resumed_at: int = 0) -> None:
+        self.folder = folder
+        self._file: BufferedWriter | None = None
+        self._open()
+        self._add(step=resumed_at + 1, session_log=SessionLog(status=SessionLog.START))
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        summary = Summary()
+        for key, value in key_values.items():
+            if isinstance(value, int | float | np.number) and "tensorboard" not in (key_excluded.get(key) or ()):
+                summary.value.add(tag=key, simple_value=float(value))
+        try:
+            if self._file is None:
+                self._open()
+            self._add(step=step, summary=summary)
+        except OSError as error:
+            self.close()  # nothing can be read behind half an event: go on in another file
+            warn_of(self.folder, error)
+
+    def close(self) -> None:
+        if self._file is not None:
+            with contextlib.suppress(OSError):
+                self._file.close()
+            self._file = None
+
+    def _open(self) -> None:
+        now = time.time()
+        name = f"events.out.tfevents.{int(now):010d}.{socket.gethostname()}.{os.getpid()}.{time.monotonic_ns()}"
+        self._file = (self.folder / name).open("wb")
+        self._add(file_version="brain.Event:2")
+
+    def _add(self, **content: Any) -> None:
+        assert self._file is not None
+        RecordWriter(self._file).write(Event(wall_time=time.time(), **content).SerializeToString())
+        self._file.flush()
+
+
+def warn_of(path: Path, error: OSError) -> None:
+    """Warn that something was not written, which a training goes on without."""
+    warnings.warn(f"{path}: a row could not be written ({reason(error)}); the training goes on.", stacklevel=3)
+
+
+def make_logger(folder: Path, resumed_at: int = 0) -> Logger:
+    """A logger for one run directory."""
+    writers = [CsvWriter(folder / "progress.csv", resumed_at), TensorBoardWriter(folder, resumed_at)]
+    return Logger(folder=str(folder), output_formats=writers)

@@ -1,0 +1,104 @@
+"""Multirun directories, as ``ogmp-train -m`` leaves them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+
+from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.runs.run_directory import CONFIG, OVERRIDES, RESUMABLE, Run, read_overrides, read_run
+
+MISSING, DAMAGED = "missing", "damaged"
+MULTIRUN = "multirun.yaml"
+
+
+def read_sweep(path: Path, asked: bool = False) -> list[Run]:
+    """Read the jobs of a multirun directory; those that the command line asked for and that are not there come too.
+
+    A job with a file that cannot be read is one of them, with the reason.
+
+    :param asked: leave out those that another command line asked for, where that is known
+    :raises ValueError: if it holds no job
+    """
+    jobs = [_read_job(folder) for folder in _job_folders(path)]
+    wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
+    found = {_identity(job.overrides) for job in jobs}
+    if asked and wanted:
+        jobs = [job for job in jobs if _identity(job.overrides) in wanted]
+    jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
+    if not jobs:
+        raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
+    order = {job: i for i, job in enumerate(wanted)}
+    return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
+
+
+def _read_job(path: Path) -> Run:
+    """A run directory, without what is in it if a file of it cannot be read."""
+    try:
+        return read_run(path)
+    except ValueError as error:
+        try:
+            overrides = read_overrides(path / OVERRIDES)
+        except ValueError:
+            overrides = ()
+        return Run(path, overrides, {}, {}, DAMAGED, str(error))
+
+
+def _job_folders(path: Path) -> Iterator[Path]:
+    """Directories of jobs, at any depth: a value with a slash makes one within another. Multiruns within are left."""
+    for folder in sorted(p for p in path.iterdir() if p.is_dir() and not (p / MULTIRUN).is_file()):
+        if (folder / CONFIG).is_file() or (folder / OVERRIDES).is_file():
+            yield folder
+        elif not (folder.is_symlink() or folder.name.startswith(".")):
+            yield from _job_folders(folder)
+
+
+def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
+    """What tells a job from the others: its command line without what may change when it goes on."""
+    return frozenset(override for override in overrides if plain_key(override.partition("=")[0]) not in RESUMABLE)
+
+
+def setting(job: Run, key: str) -> Any:
+    """The value of a key of a job's command line; one that was not given is looked up in its ``config.yaml``."""
+    given = [override for override in job.overrides if plain_key(override.partition("=")[0]) == key]
+    if given:
+        short = [override for override in given if "task." not in override.partition("=")[0]]  # it is the one used
+        return OverridesParser.create().parse_override((short or given)[-1]).value()
+    for part in ("task", "train"):
+        node = job.config.get(part)
+        for name in key.split("."):
+            node = node.get(name) if isinstance(node, dict) else None
+        if node is not None:
+            return node
+    return None
+
+
+def swept_keys(jobs: list[Run]) -> list[str]:
+    """The keys of the command line in which jobs differ, but for what may change when they go on."""
+    names = dict.fromkeys(plain_key(override.partition("=")[0]) for job in jobs for override in job.overrides)
+    return [key for key in names if key not in RESUMABLE and len({str(setting(job, key)) for job in jobs}) > 1]
+
+
+def _wanted(path: Path) -> list[tuple[str, ...]]:
+    """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
+    hydra = read_yaml(path).get("hydra", {})
+    sweeper = hydra.get("sweeper", {})
+    if not str(sweeper.get("_target_", "")).endswith(BasicSweeper.__name__):
+        return []
+    params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
+    given = [*params, *hydra.get("overrides", {}).get("task", [])]
+    try:
+        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(given), None)
+    except HydraException:  # glob(*), for one, needs the configuration that was searched
+        return []
+    return [tuple(job) for job in jobs]
+
+
+def plain_key(key: str) -> str:
+    """The name of a setting, which ``task.rho``, ``+rho`` and ``rho`` all mean."""
+    return key.lstrip("+~").removeprefix("task.")

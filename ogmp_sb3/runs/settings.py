@@ -1,0 +1,71 @@
+"""What a training needs beside its task: sizes, threads, and the versions its numbers depend on."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+
+from ogmp_sb3.config.plugins import loaded_plugins
+from ogmp_sb3.config.strict import check_range
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
+
+RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
+MAX_THREADS = 1024
+MAX_SEED = 2**32 - 1  # of numpy's global generator, which Stable-Baselines3 seeds
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Everything about a run but its task."""
+
+    seed: int
+    """of the networks; environment i is seeded with seed + i"""
+    total_timesteps: int
+    """samples of the whole run"""
+    num_envs: int
+    """environments stepped together"""
+    checkpoint_interval: int
+    """samples between checkpoints"""
+    keep_checkpoints: int
+    """how many are kept, beside the best policy"""
+    policy_average: int | None
+    """the policy that is kept has its weights averaged over so many samples; null: the last weights"""
+    torch_threads: str | int
+    """auto: one for each CPU"""
+    physics_threads: str | int
+    """auto: one for each CPU"""
+    ppo: PPOConfig
+    """the learner"""
+
+    def __post_init__(self) -> None:
+        for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
+        if self.policy_average is not None and self.policy_average < 1:
+            raise ValueError(f"'policy_average' must be at least 1 or null, found {self.policy_average}.")
+        check_range("seed", self.seed, 0, MAX_SEED)
+        if self.ppo.n_steps * self.num_envs < 2:
+            raise ValueError("'ppo.n_steps' and 'num_envs' are 1: one sample is too few to learn from.")
+        for name in ("torch_threads", "physics_threads"):
+            setting = getattr(self, name)
+            if setting != "auto" and not (isinstance(setting, int) and 1 <= setting <= MAX_THREADS):
+                raise ValueError(f"'{name}' must be auto or a whole number from 1 to {MAX_THREADS}, found {setting!r}.")
+
+
+def thread_count(setting: str | int) -> int:
+    """A number of threads, ``auto`` meaning one for each CPU this process may use."""
+    return len(os.sched_getaffinity(0)) if setting == "auto" else int(setting)
+
+
+def versions() -> dict[str, str]:
+    """What a run's numbers depend on."""
+    found = {}
+    for name in RECORDED:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    found |= {plugin.distribution: plugin.version for plugin in loaded_plugins()}
+    return {"python": platform.python_version(), "machine": platform.machine(), **found}
