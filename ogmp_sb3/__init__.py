@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-# Importing these modules registers what a task file can name.
-from ogmp_sb3 import metrics  # noqa: F401
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
+
+# Importing these modules registers what a task file can name.
+from ogmp_sb3.evaluation import metrics  # noqa: F401
 from ogmp_sb3.guidance import modes, oracles  # noqa: F401
 from ogmp_sb3.rendering.opengl import import_mujoco
 
 if TYPE_CHECKING:
     from ogmp_sb3.env.batch_env import BatchEnv
-    from ogmp_sb3.episodes import play_episodes
+    from ogmp_sb3.evaluation.episodes import play_episodes
     from ogmp_sb3.rendering.player import Player
     from ogmp_sb3.rendering.video import write_video
     from ogmp_sb3.runs.policies import load_policy
@@ -50,7 +51,7 @@ _LATER = {
     "load_policy": "runs.policies",
     "make_env": "sb3.vec_env",
     "make_model": "sb3.learner",
-    "play_episodes": "episodes",
+    "play_episodes": "evaluation.episodes",
     "write_video": "rendering.video",
 }
 

@@ -14,14 +14,14 @@ from ogmp_sb3 import cli
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
-from ogmp_sb3.epsilon import estimate_epsilon
-from ogmp_sb3.grid import Grid, read_grid
+from ogmp_sb3.evaluation.episodes import evaluate_cell, measure, play_episodes
+from ogmp_sb3.evaluation.epsilon import estimate_epsilon
+from ogmp_sb3.evaluation.grid import Grid, read_grid
+from ogmp_sb3.evaluation.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
+from ogmp_sb3.evaluation.statistics import Summary, as_text
 from ogmp_sb3.guidance.course import extent
-from ogmp_sb3.metrics import Summary, as_text
 from ogmp_sb3.page import write_csv
 from ogmp_sb3.plotting import plot_grids, plot_robustness
-from ogmp_sb3.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out

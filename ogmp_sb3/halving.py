@@ -17,12 +17,12 @@ from ogmp_sb3 import cli
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
-from ogmp_sb3.results import Results
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
+from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.runs.multirun import plain_key, read_sweep, setting
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import Run, read_run
 from ogmp_sb3.sb3.hyperparameters import DEFAULTS
-from ogmp_sb3.subject import Subject, rank_key
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
@@ -77,7 +77,7 @@ def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples:
 
     The score of a value is the mean of its jobs, which differ in the seed or another key of the command line.
     """
-    known = Results(folder / SCORES)
+    known = ResultCache(folder / SCORES)
     ranked = []
     for value in values:
         scores = []
@@ -105,7 +105,7 @@ def _is_beyond(job: Run, samples: int) -> bool:
 
 
 def _score(job: Run, episodes: int) -> list[float]:
-    subject = Subject(load_policy(job.path), [], job.path)
+    subject = EvaluatedPolicy(load_policy(job.path), [], job.path)
     return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None))
 
 

@@ -21,8 +21,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from ogmp_sb3.evaluation.traces import Trace
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.traces import Trace
 
 COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
 MODE_COLOURS = {

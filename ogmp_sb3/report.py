@@ -9,12 +9,12 @@ from typing import Literal
 from ogmp_sb3 import cli, report_run, report_sweep
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.grid import CELLS, MAX_CELLS
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
+from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS
 from ogmp_sb3.page import Section, write_page
 from ogmp_sb3.runs.multirun import MULTIRUN, read_sweep
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import CONFIG, default_out, owner, read_run
-from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown, sort_out
 
 PROGRAM = "ogmp-report"
@@ -98,7 +98,7 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     loaded, home = load_policy(name, config.trust, config.task), owner(name)
     run = read_run(home) if home and (home / CONFIG).is_file() else None
     out = Path(config.out) if config.out else default_out(name, loaded.name, "report")
-    subject = Subject(loaded, overrides, home or out)
+    subject = EvaluatedPolicy(loaded, overrides, home or out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [
         report_run.overview(subject, run),

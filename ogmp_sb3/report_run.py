@@ -11,20 +11,20 @@ import numpy as np
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.grid import default_grids
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
+from ogmp_sb3.evaluation.grid import default_grids
+from ogmp_sb3.evaluation.statistics import as_text
+from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import load_encoder
-from ogmp_sb3.metrics import as_text
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
 from ogmp_sb3.plotting_training import SMOOTH, plot_training
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.run_directory import Run
-from ogmp_sb3.subject import Subject
 from ogmp_sb3.sweeps import shown
-from ogmp_sb3.traces import Trace, ground_rows, trace_rows
 
 # What motion traces are varied in (paper, fig:abl_trc); the oracles are those of the task.
 VARIANTS: dict[str, tuple[Any, ...]] = {"oracle": (), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}
@@ -41,7 +41,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 LARGEST_VIDEO = 5_000_000  # bytes that are put into the page
 
 
-def overview(subject: Subject, run: Run | None) -> Section:
+def overview(subject: EvaluatedPolicy, run: Run | None) -> Section:
     """What was trained, and on what."""
     task, info = subject.loaded.task, subject.loaded.info
     weights = ", ".join(f"{name} {weight:g}" for name, weight in task.bound.items() if weight)
@@ -65,7 +65,7 @@ def overview(subject: Subject, run: Run | None) -> Section:
     return Section("Run", "", [Table(rows)])
 
 
-def _samples(subject: Subject, run: Run | None) -> str:
+def _samples(subject: EvaluatedPolicy, run: Run | None) -> str:
     text = "not recorded" if subject.samples is None else f"{subject.samples:,}"
     if run is None:
         return text
@@ -91,7 +91,7 @@ def training(run: Run, rho: float | None, out: Path) -> Section | None:
     return Section("Training", "", [picture])
 
 
-def evaluation(subject: Subject, episodes: int, seed: int, out: Path) -> Section:
+def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) -> Section:
     """Metrics with confidence intervals, and what ended the episodes."""
     with progress_bar(episodes, "episode") as bar:
         bar.set_description("evaluation")
@@ -159,7 +159,7 @@ def _first_paragraph(function: Any) -> str:
     return re.sub(r":\w+:|`+", "", " ".join(text.split()))
 
 
-def mode_parameters(subject: Subject, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
+def mode_parameters(subject: EvaluatedPolicy, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
     """Heat maps of the return over two parameters of each mode that has two ranges."""
     grids = default_grids(subject.task, subject.loaded.task, cells)
     if not grids:
@@ -213,7 +213,7 @@ def _mean(values: list[float]) -> str:
     return f"{np.mean(values):.1f}" if values else "none"
 
 
-def motion(subject: Subject, episodes: int, seed: int, variants: list[str], out: Path) -> Section:
+def motion(subject: EvaluatedPolicy, episodes: int, seed: int, variants: list[str], out: Path) -> Section:
     """Motion traces of the first episodes, and of one episode under other oracles, horizons and bounds."""
     parts: list[Table | Picture | Video] = [
         traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))
@@ -250,7 +250,7 @@ def traces_picture(out: Path, name: str, caption: str, traces: list[Trace]) -> P
     return make_picture(out, name, caption, rows, lambda path: plot_traces(traces, path), ground=ground)
 
 
-def latents(subject: Subject, seed: int, out: Path) -> Section | None:
+def latents(subject: EvaluatedPolicy, seed: int, out: Path) -> Section | None:
     """What the policy's encoder makes of references, by mode and parameter."""
     task = subject.loaded.task
     if not task.uses_latent or task.encoder is None:

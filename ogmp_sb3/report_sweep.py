@@ -10,8 +10,9 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.rewards import highest_reward
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
+from ogmp_sb3.evaluation.metrics import highest_objective
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
-from ogmp_sb3.metrics import highest_objective
 from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
 from ogmp_sb3.plotting import plot_terminations
 from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
@@ -20,7 +21,6 @@ from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import Run
-from ogmp_sb3.subject import Subject, rank_key
 from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
@@ -28,7 +28,7 @@ SURROGATE, TRUE = "surrogate: return", "true objective"
 OBJECTIVES = {SURROGATE: "return", TRUE: "true_objective"}  # names of their metrics
 MOST_TRACES = 10  # in a picture of motion traces; the ready sweep over rho has ten bounds
 
-Subjects = dict[Path, Subject]
+Subjects = dict[Path, EvaluatedPolicy]
 Evaluations = dict[Path, dict[str, Any]]
 
 
@@ -43,7 +43,7 @@ def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subj
         except (ValueError, KeyError) as error:
             notes[job.path] = str(error.args[0])
         else:
-            subjects[job.path] = Subject(loaded, overrides, job.path)
+            subjects[job.path] = EvaluatedPolicy(loaded, overrides, job.path)
     return subjects, notes
 
 

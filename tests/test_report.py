@@ -20,13 +20,13 @@ from PIL import Image
 from helpers.programs import SMALL, program
 from ogmp_sb3 import report_run
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.grid import default_grids
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
+from ogmp_sb3.evaluation.grid import default_grids
+from ogmp_sb3.evaluation.traces import Trace
 from ogmp_sb3.page import Table
 from ogmp_sb3.report_sweep import highest_return, spread
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
-from ogmp_sb3.subject import Subject
-from ogmp_sb3.traces import Trace
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
 
@@ -157,10 +157,10 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
     def fail(*arguments: object, **named: object) -> None:
         raise AssertionError("played again")
 
-    monkeypatch.setattr("ogmp_sb3.subject.measure", fail)
-    monkeypatch.setattr("ogmp_sb3.subject.evaluate_cell", fail)
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.measure", fail)
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate_cell", fail)
     done: list[int] = []
-    subject = Subject(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
+    subject = EvaluatedPolicy(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
     causes = subject.evaluation(3, 0, done.append)["terminations"]
     assert sum(causes.values()) == sum(done) == 3
     for grid in default_grids(subject.task, subject.loaded.task, 3):
@@ -174,16 +174,20 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tm
     shutil.copytree(sweep / "1", copy, ignore=shutil.ignore_patterns("evaluation", "report"))
     assert program("eval", f"run={copy}", *QUICK, cwd=tmp_path).returncode == 0
     left = json.loads((copy / "evaluation" / "metrics.json").read_text())
-    monkeypatch.setattr("ogmp_sb3.subject.measure", lambda *arguments, **named: {"metrics": "measured"})
-    found = Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None)
+    monkeypatch.setattr(
+        "ogmp_sb3.evaluation.evaluated_policy.measure", lambda *arguments, **named: {"metrics": "measured"}
+    )
+    found = EvaluatedPolicy(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None)
     assert found == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
     for overrides, episodes, seed in (([], 3, 0), ([QUICK[1]], 2, 0), ([QUICK[1]], 3, 1)):
-        subject = Subject(load_policy(copy), overrides, copy)
+        subject = EvaluatedPolicy(load_policy(copy), overrides, copy)
         assert subject.evaluation(episodes, seed, lambda n: None) == {"metrics": "measured"}
     for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}):
         (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
         (copy / "evaluation" / "results.jsonl").unlink()
-        assert Subject(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {"metrics": "measured"}
+        assert EvaluatedPolicy(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {
+            "metrics": "measured"
+        }
 
 
 def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:

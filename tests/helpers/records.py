@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.evaluation.record import EpisodeRecord
 
 STEPS = 150
 DIRECTIONS = ("front", "back", "left", "right")

@@ -19,7 +19,7 @@ from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.grid import read_grid
+from ogmp_sb3.evaluation.grid import read_grid
 from ogmp_sb3.halving import VALUES
 
 TEXT = (ROOT / "docs" / "paper-to-code.md").read_text(encoding="utf-8")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.scenes import task_for_test
-from ogmp_sb3.episodes import play_episodes
-from ogmp_sb3.metrics import flip_and_land, max_heading_speed_mps, track_displacement
+from ogmp_sb3.evaluation.episodes import play_episodes
+from ogmp_sb3.evaluation.metrics import flip_and_land, max_heading_speed_mps, track_displacement
 from ogmp_sb3.runs.policies import load_policy
 
 

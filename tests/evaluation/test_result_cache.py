@@ -1,4 +1,4 @@
-"""Results that survive an interruption."""
+"""ResultCache that survive an interruption."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ogmp_sb3.results import Results
+from ogmp_sb3.evaluation.result_cache import ResultCache
 
 
 def count_calls(value: object) -> tuple[list[int], object]:
@@ -17,8 +17,8 @@ def count_calls(value: object) -> tuple[list[int], object]:
 def test_a_result_is_computed_once_and_found_again_by_its_settings(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "results.jsonl"
     calls, compute = count_calls({"mean": 0.1, "ci95": [0.0, 1 / 3]})
-    first = Results(path).remember({"seed": 0, "episodes": 5}, compute)
-    again = Results(path)
+    first = ResultCache(path).remember({"seed": 0, "episodes": 5}, compute)
+    again = ResultCache(path)
     assert {"episodes": 5, "seed": 0} in again  # in whatever order
     assert again.remember({"episodes": 5, "seed": 0}, compute) == first
     assert len(calls) == 1
@@ -30,19 +30,19 @@ def test_results_before_an_interruption_are_kept(tmp_path: Path) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    results = Results(tmp_path / "results.jsonl")
+    results = ResultCache(tmp_path / "results.jsonl")
     results.remember({"cell": 1}, lambda: 1.0)
     with pytest.raises(KeyboardInterrupt):
         results.remember({"cell": 2}, interrupt)
-    kept = Results(tmp_path / "results.jsonl")
+    kept = ResultCache(tmp_path / "results.jsonl")
     assert {"cell": 1} in kept and {"cell": 2} not in kept
 
 
 def test_a_line_that_was_cut_off_is_passed_over_and_does_not_spoil_the_next(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
-    Results(path).remember({"cell": 1}, lambda: 1.0)
+    ResultCache(path).remember({"cell": 1}, lambda: 1.0)
     with path.open("ab") as file:
         file.write(b'\n{"settings": {"cell": 2}, "resu\xff')
-    Results(path).remember({"cell": 3}, lambda: 3.0)
-    kept = Results(path)
+    ResultCache(path).remember({"cell": 3}, lambda: 3.0)
+    kept = ResultCache(path)
     assert [{"cell": i} in kept for i in (1, 2, 3)] == [True, False, True]

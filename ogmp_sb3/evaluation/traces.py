@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.course import START_PLATEAU
 from ogmp_sb3.guidance.rotations import quat_rotate
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.metrics import EpisodeRecord
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Policy
 from ogmp_sb3.env.batch_env import TIME_LIMIT, BatchEnv, StepResult
 from ogmp_sb3.env.view import EnvView, deviation
-from ogmp_sb3.episodes import BATCH, play_batch
+from ogmp_sb3.evaluation.episodes import BATCH, play_batch
 from ogmp_sb3.guidance.plans import Plans, make_oracle
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 

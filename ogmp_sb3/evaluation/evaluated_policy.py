@@ -10,12 +10,12 @@ from typing import Any
 
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.episodes import evaluate_cell, measure, play_episodes
-from ogmp_sb3.grid import Grid, limits
-from ogmp_sb3.results import Results
+from ogmp_sb3.evaluation.episodes import evaluate_cell, measure, play_episodes
+from ogmp_sb3.evaluation.grid import Grid, limits
+from ogmp_sb3.evaluation.result_cache import ResultCache
+from ogmp_sb3.evaluation.traces import Trace, make_trace
 from ogmp_sb3.runs.policies import LoadedPolicy
 from ogmp_sb3.runs.settings import RECORDED, versions
-from ogmp_sb3.traces import Trace, make_trace
 
 RESULTS = Path("evaluation") / "results.jsonl"
 METRICS = Path("evaluation") / "metrics.json"  # what ogmp-eval leaves there
@@ -24,7 +24,7 @@ MEASURED = ("metrics", "groups", "median_distance_m", "terminations")  # what an
 Progress = Callable[[int], None]
 
 
-class Subject:
+class EvaluatedPolicy:
     """A trained policy, and what has been found out about it.
 
     :param loaded: the policy
@@ -37,7 +37,7 @@ class Subject:
         self.overrides = overrides
         self.task = self._task([])
         self._folder = folder
-        self._results = Results(folder / RESULTS)
+        self._results = ResultCache(folder / RESULTS)
         self._settings = {"policy": loaded.digest, "versions": _deciding(versions()), "overrides": overrides}
 
     @property
@@ -48,7 +48,7 @@ class Subject:
     def evaluation(self, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
         """Metrics under the task's test protocol: from before, from ``ogmp-eval``, or measured now.
 
-        :return: as :func:`~ogmp_sb3.episodes.measure`, the return always among the metrics
+        :return: as :func:`~ogmp_sb3.evaluation.episodes.measure`, the return always among the metrics
         """
         settings = {**self._settings, "episodes": episodes, "seed": seed}
         known = None if settings in self._results else self._evaluated(episodes, seed)
@@ -120,7 +120,7 @@ class Subject:
 def rank_key(evaluation: dict[str, Any]) -> list[float]:
     """What policies are compared by: the true objective, then the return, which tells apart those that reach nothing.
 
-    :param evaluation: of :meth:`Subject.evaluation`
+    :param evaluation: of :meth:`EvaluatedPolicy.evaluation`
     """
     return [float(evaluation["metrics"][name]["mean"]) for name in ("true_objective", "return")]
 

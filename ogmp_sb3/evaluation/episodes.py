@@ -13,9 +13,10 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Actor, Policy
 from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.grid import cell_task
+from ogmp_sb3.evaluation.grid import cell_task
+from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.statistics import Summary, summarise
 from ogmp_sb3.guidance.srb import POS, VEL
-from ogmp_sb3.metrics import EpisodeRecord, Summary, summarise
 
 MAX_DISTANCE = "max_distance"
 BATCH = 128  # episodes played together
@@ -148,11 +149,10 @@ def evaluate_cell(
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Summary]:
-    """The metrics of one cell of a grid, as of :func:`evaluate`, on the tracks of :func:`~ogmp_sb3.grid.cell_task`.
+    """The metrics of one cell of a grid, as of :func:`evaluate`, on tracks of that cell alone.
 
     :param task: under the protocol wanted
-    :param cell: of :attr:`Grid.cells <ogmp_sb3.grid.Grid.cells>`; the rest as for
-        :func:`~ogmp_sb3.episodes.play_episodes`
+    :param cell: of :attr:`Grid.cells <ogmp_sb3.evaluation.grid.Grid.cells>`; the rest as for :func:`play_episodes`
     """
     task = cell_task(task, mode, cell)
     return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))

@@ -1,70 +1,19 @@
-"""Metrics and true objectives: pure functions of one episode's record; and what many episodes say together."""
+"""Metrics and true objectives: pure functions of one episode's record."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-from scipy.special import stdtrit
 
 from ogmp_sb3.config.registry import metrics, objectives
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.guidance.srb import GRAVITY
-
-Summary = dict[str, Any]  # of :func:`summarise`
 
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
 UPRIGHT_STEPS = 33  # control steps at the end of a dive
 MIN_HEIGHT = 0.3  # m, base over the terrain
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeRecord:
-    """One episode, one row per control step; row 0 is the start. World frame.
-
-    A step in which the simulation failed has no row.
-    """
-
-    base_pos_w: np.ndarray
-    """shape (steps + 1, 3), m"""
-    base_quat: np.ndarray
-    """shape (steps + 1, 4)"""
-    base_linvel_w: np.ndarray
-    """shape (steps + 1, 3), m/s"""
-    base_linacc_w: np.ndarray
-    """shape (steps + 1, 3), m/s^2"""
-    height: np.ndarray
-    """base over the terrain under it, gaps filled, shape (steps + 1,), m"""
-    state_error: np.ndarray
-    """``||x - x_ref||`` over position and velocity, shape (steps + 1,)"""
-    reward: np.ndarray
-    """shape (steps + 1,); row 0 is 0"""
-    reference_pos_w: np.ndarray
-    """the oracle's knot of each step, shape (steps + 1, 3), m"""
-    phase: np.ndarray
-    """control steps from the oracle's query to this step, shape (steps + 1,), int; 1 begins a new reference"""
-    deviation: np.ndarray
-    """``||W (x - x_ref)||`` of the permissible-state bound, shape (steps + 1,)"""
-    termination: str
-    """which rule ended the episode"""
-    max_steps: int
-    """time limit, control steps"""
-    leg_length: float
-    """m"""
-    track_length: float | None
-    """m; flat ground follows. None: endless"""
-    modes: tuple[dict[str, float | str], ...]
-    """parameters of the modes in order, with the mode's name under ``mode``"""
-
-    @property
-    def steps(self) -> int:
-        """Control steps survived."""
-        return len(self.reward) - 1
 
 
 @metrics.register()
@@ -159,42 +108,3 @@ def flip_angle(quat: np.ndarray, direction: str) -> float:
     norm = np.linalg.norm(delta[:, 1:], axis=1)
     angle = 2.0 * np.arctan2(norm, delta[:, 0])
     return float(sign * (angle * delta[:, 1 + axis] / np.maximum(norm, 1e-12)).sum())
-
-
-def summarise(values: Iterable[float]) -> Summary:
-    """Mean, standard deviation, n and a 95 % confidence interval of the mean.
-
-    The interval is Wilson's if all values are ``bool``, else Student's. One number alone has no standard deviation
-    and no interval: None.
-    """
-    found = list(values)
-    x = np.array(found, dtype=float)
-    n, mean = len(x), float(x.mean())
-    std = float(x.std(ddof=1)) if n > 1 else None
-    interval: list[float] | list[None] = [None, None]
-    if all(isinstance(value, bool | np.bool_) for value in found):
-        interval = _wilson(mean, n)
-    elif std is not None:
-        half = float(stdtrit(n - 1, 0.975)) * std / math.sqrt(n)
-        interval = [mean - half, mean + half]
-    return {"mean": mean, "std": std, "n": n, "ci95": interval}
-
-
-def _wilson(share: float, n: int) -> list[float]:
-    """Wilson's 95 % interval of a probability, which holds near 0 and 1.
-
-    :param share: of yes among ``n`` values
-    """
-    z = 1.959964
-    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    # It holds the share and lies within 0 and 1 but for rounding.
-    return [max(min(centre - half, share), 0.0), min(max(centre + half, share), 1.0)]
-
-
-def as_text(numbers: Sequence[float | None], digits: int = 3, between: str = "") -> str:
-    """Numbers of a summary for a table, a dash where there are none.
-
-    :param between: what stands between two
-    """
-    return between.join(f"{x:.{digits}f}" for x in numbers if x is not None) or "-"

@@ -12,11 +12,11 @@ import pytest
 
 from helpers.learners import make_policy
 from helpers.programs import program
-from ogmp_sb3 import robustness
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.variation import PushConfig, RandomisationConfig
-from ogmp_sb3.episodes import play_episodes
+from ogmp_sb3.evaluation import robustness
+from ogmp_sb3.evaluation.episodes import play_episodes
 
 
 class Standing:

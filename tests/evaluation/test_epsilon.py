@@ -15,9 +15,9 @@ from helpers.programs import program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.episodes import play_batch
-from ogmp_sb3.epsilon import ShadowedEnv, estimate_epsilon
-from ogmp_sb3.metrics import EpisodeRecord
+from ogmp_sb3.evaluation.episodes import play_batch
+from ogmp_sb3.evaluation.epsilon import ShadowedEnv, estimate_epsilon
+from ogmp_sb3.evaluation.record import EpisodeRecord
 
 OPEN = {"curriculum": None, "terminations": {"fall": None}, "rho": None, "min_step_reward": None, "episode_steps": 40}
 
@@ -57,7 +57,7 @@ def test_the_spread_counts_every_step_of_whole_episodes_once_for_each_oracle_and
         records = play_batch(*arguments)
         return [replace(record, termination="fall") if i == 1 else record for i, record in enumerate(records)]
 
-    monkeypatch.setattr("ogmp_sb3.epsilon.play_batch", second_falls)
+    monkeypatch.setattr("ogmp_sb3.evaluation.epsilon.play_batch", second_falls)
     task = load_task("parkour", OPEN)
     ended: list[int] = []
     found = estimate_epsilon(Waver(task), task, 4, 0, ended.append)  # type: ignore[arg-type]

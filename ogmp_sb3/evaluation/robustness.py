@@ -13,8 +13,9 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConfig
 from ogmp_sb3.env.agent import Policy
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.episodes import play_episodes
-from ogmp_sb3.metrics import Summary, no_fall_fraction, summarise
+from ogmp_sb3.evaluation.episodes import play_episodes
+from ogmp_sb3.evaluation.metrics import no_fall_fraction
+from ogmp_sb3.evaluation.statistics import Summary, summarise
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
 LEAST = 0.05  # of factors and of friction
@@ -113,7 +114,8 @@ def play_disturbed(
 
     :param found: of :func:`disturbances`
     :param task: under the protocol wanted
-    :param episodes: at each size, on the same tracks; the rest as for :func:`~ogmp_sb3.episodes.play_episodes`
+    :param episodes: at each size, on the same tracks; the rest as for
+        :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
     """
 
     def no_fall(randomisation: RandomisationConfig | None) -> Summary:

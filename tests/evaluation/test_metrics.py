@@ -8,17 +8,10 @@ from scipy.spatial.transform import Rotation
 from helpers.records import DIRECTIONS, STEPS, ramp, record, turn
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.evaluation.metrics import UPRIGHT_STEPS, flip_and_land, flip_angle, highest_objective, track_displacement
+from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.statistics import as_text, summarise
 from ogmp_sb3.guidance.modes import FLIP_SPEED, flip
-from ogmp_sb3.metrics import (
-    UPRIGHT_STEPS,
-    EpisodeRecord,
-    as_text,
-    flip_and_land,
-    flip_angle,
-    highest_objective,
-    summarise,
-    track_displacement,
-)
 
 
 def metric(name: str, record: EpisodeRecord) -> float:

@@ -1,4 +1,4 @@
-"""Results that are kept as soon as they exist, so that a program that is interrupted goes on where it stopped."""
+"""ResultCache that are kept as soon as they exist, so that a program that is interrupted goes on where it stopped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-class Results:
+class ResultCache:
     """A file of results, one JSON line each, found by the settings they were computed with.
 
     :param path: the file; its directory is made when the first result comes

@@ -1,0 +1,1 @@
+"""Play a policy, record its episodes, measure them."""
