@@ -17,13 +17,13 @@ from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.callbacks import CallbackList
 
 from ogmp_sb3 import make_env, make_model
-from ogmp_sb3.page import write_csv
-from ogmp_sb3.plotting_training import plot_sweep_curves
+from ogmp_sb3.report.page import write_csv
+from ogmp_sb3.report.panels import mean_curve
+from ogmp_sb3.report.plots.trainings import plot_sweep_curves
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar
 from ogmp_sb3.runs.logs import make_logger
 from ogmp_sb3.runs.multirun import read_sweep
 from ogmp_sb3.runs.run_directory import Run, read_run
-from ogmp_sb3.sweeps import mean_curve
 
 HERE = Path(__file__).parent
 CHUNK, SEEDS, SAMPLES, STOCK_SAMPLES = 16, 3, 1_000_000, 300_000

@@ -23,7 +23,7 @@ from ogmp_sb3.bench_sim import Numbers, bench_sim, median, seconds_of, stock_env
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.plotting import plot_throughput
+from ogmp_sb3.report.plots.evaluations import plot_throughput
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.settings import thread_count, versions
 from ogmp_sb3.runs.storage import save_json

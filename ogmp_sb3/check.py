@@ -26,7 +26,7 @@ from ogmp_sb3.guidance.plans import make_oracle
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import set_points, span_array, span_row
 from ogmp_sb3.guidance.srb import POS, STATE_SIZE
-from ogmp_sb3.plotting import plot_references
+from ogmp_sb3.report.plots.guidance import plot_references
 from ogmp_sb3.runs.failed_steps import load_step
 from ogmp_sb3.runs.storage import save_json
 

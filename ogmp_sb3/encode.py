@@ -20,7 +20,7 @@ from ogmp_sb3.guidance.encoder_training import (
     save_encoder,
 )
 from ogmp_sb3.guidance.latent import load_encoder
-from ogmp_sb3.plotting import plot_latents
+from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.settings import versions
 

@@ -20,14 +20,14 @@ from ogmp_sb3.evaluation.grid import Grid, read_grid
 from ogmp_sb3.evaluation.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
 from ogmp_sb3.evaluation.statistics import Summary, as_text
 from ogmp_sb3.guidance.course import extent
-from ogmp_sb3.page import write_csv
-from ogmp_sb3.plotting import plot_grids, plot_robustness
+from ogmp_sb3.report.page import write_csv
+from ogmp_sb3.report.panels import shown
+from ogmp_sb3.report.plots.evaluations import plot_grids, plot_robustness
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out
 from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import save_json
-from ogmp_sb3.sweeps import shown
 
 PROGRAM = "ogmp-eval"
 EPISODES, CELL_EPISODES = 100, 10

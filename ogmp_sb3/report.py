@@ -6,16 +6,18 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-from ogmp_sb3 import cli, report_run, report_sweep
+from ogmp_sb3 import cli
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS
-from ogmp_sb3.page import Section, write_page
+from ogmp_sb3.report import run_sections as report_run
+from ogmp_sb3.report import sweep_sections as report_sweep
+from ogmp_sb3.report.page import Section, write_page
+from ogmp_sb3.report.panels import shown, sort_out
 from ogmp_sb3.runs.multirun import MULTIRUN, read_sweep
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import CONFIG, default_out, owner, read_run
-from ogmp_sb3.sweeps import shown, sort_out
 
 PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20

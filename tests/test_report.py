@@ -18,13 +18,13 @@ import yaml
 from PIL import Image
 
 from helpers.programs import SMALL, program
-from ogmp_sb3 import report_run
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
 from ogmp_sb3.evaluation.traces import Trace
-from ogmp_sb3.page import Table
-from ogmp_sb3.report_sweep import highest_return, spread
+from ogmp_sb3.report import run_sections as report_run
+from ogmp_sb3.report.page import Table
+from ogmp_sb3.report.sweep_sections import highest_return, spread
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
 

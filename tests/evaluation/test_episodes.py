@@ -16,7 +16,7 @@ from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.evaluation.episodes import play_batch, play_episodes
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.traces import make_trace
-from ogmp_sb3.plotting import plot_traces
+from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 
 TASK = replace(load_task("parkour", {"horizon": 5, "bound": {"x": 0.5, "z": 2.0}}).for_evaluation(), episode_steps=18)

@@ -11,7 +11,7 @@ from helpers.records import record
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.traces import Ground, ground_rows, make_trace, trace_rows
 from ogmp_sb3.guidance.terrain import height_at
-from ogmp_sb3.plotting import CAUSE_COLOURS, MODE_COLOURS, colours_of
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, MODE_COLOURS, colours_of
 
 STEPS = 7
 PARKOUR, DIVE = load_task("parkour"), load_task("dive")

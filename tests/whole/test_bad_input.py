@@ -165,7 +165,7 @@ def door(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr("ogmp_sb3.export.export", begin)
         patch.setattr("ogmp_sb3.play.Viewer.run", begin)
         patch.setattr("ogmp_sb3.bench.bench_physics", begin)
-        patch.setattr("ogmp_sb3.report_run.overview", begin)
+        patch.setattr("ogmp_sb3.report.run_sections.overview", begin)
         yield tmp_path_factory.mktemp("door")
 
 

@@ -26,7 +26,7 @@ NEED_EXTRAS = {"onnx_models", "controller"}  # of no use without
 
 SOLE_IMPORTERS = {
     "control": {"guidance.riccati"},
-    "matplotlib": {"plotting", "plotting_training"},
+    "matplotlib": {"report.plots"},
     "mujoco.batch": {"env.simulation"},
     "hydra": {"commands.train", "runs.multirun", "runs", "train", "overrides", "failures"},
     "onnx": {"onnx_models"},
@@ -280,7 +280,7 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
     expected = {f"ogmp_sb3/{path.relative_to(PACKAGE).as_posix()}" for path in SOURCES.values()}
-    expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml", "ogmp_sb3/templates/report.html"}
+    expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml", "ogmp_sb3/report/templates/report.html"}
     for folder, patterns in {
         "tasks": ("*.yaml",),
         "robots": ("*.xml", "*.yaml"),

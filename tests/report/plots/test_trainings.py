@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.plotting_training import _between, _places, line_colours, smoothed
+from ogmp_sb3.report.plots.trainings import _between, _places, line_colours, smoothed
 
 
 def test_smoothing_is_a_mean_over_the_rows_around_that_are_known() -> None:

@@ -7,7 +7,7 @@ import csv
 import re
 from pathlib import Path
 
-from ogmp_sb3.page import Section, Table, Video, data_uri, make_picture, write_csv, write_page
+from ogmp_sb3.report.page import Section, Table, Video, data_uri, make_picture, write_csv, write_page
 
 
 def draw(path: Path) -> None:

@@ -13,15 +13,15 @@ from ogmp_sb3.env.rewards import highest_reward
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
-from ogmp_sb3.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
-from ogmp_sb3.plotting import plot_terminations
-from ogmp_sb3.plotting_training import plot_objectives, plot_sweep_curves
-from ogmp_sb3.report_run import interval, metrics_rows, protocol, traces_picture
+from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
+from ogmp_sb3.report.panels import Sweep, alike, brief, describe, mean_curve, shown
+from ogmp_sb3.report.plots.evaluations import plot_terminations
+from ogmp_sb3.report.plots.trainings import plot_objectives, plot_sweep_curves
+from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import Run
-from ogmp_sb3.sweeps import Sweep, alike, brief, describe, mean_curve, shown
 
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"

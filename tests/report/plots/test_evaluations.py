@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from ogmp_sb3 import plotting, plotting_training
+from ogmp_sb3.report.plots import evaluations as plotting
+from ogmp_sb3.report.plots import trainings as plotting_training
 
 
 @pytest.fixture

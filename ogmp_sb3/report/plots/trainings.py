@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from ogmp_sb3.plotting import CAUSE_COLOURS, colours_of, legend_entries, save
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, legend_entries, save
 from ogmp_sb3.runs.logs import STEP_COLUMN
 
 SMOOTH = 5  # rows of progress.csv that a line is averaged over

@@ -18,13 +18,15 @@ from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import load_encoder
-from ogmp_sb3.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
-from ogmp_sb3.plotting import plot_grids, plot_latents, plot_terminations, plot_traces
-from ogmp_sb3.plotting_training import SMOOTH, plot_training
+from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
+from ogmp_sb3.report.panels import shown
+from ogmp_sb3.report.plots.evaluations import plot_grids, plot_terminations
+from ogmp_sb3.report.plots.guidance import plot_latents
+from ogmp_sb3.report.plots.traces import plot_traces
+from ogmp_sb3.report.plots.trainings import SMOOTH, plot_training
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.run_directory import Run
-from ogmp_sb3.sweeps import shown
 
 # What motion traces are varied in (paper, fig:abl_trc); the oracles are those of the task.
 VARIANTS: dict[str, tuple[Any, ...]] = {"oracle": (), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}

@@ -11,10 +11,9 @@ from typing import Any
 
 import jinja2
 
-from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.runs.atomic import replacing
 
-TEMPLATES = PACKAGE / "templates"
+TEMPLATES = Path(__file__).parent / "templates"
 Rows = list[dict[str, Any]]
 
 

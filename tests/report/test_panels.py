@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ogmp_sb3.report.panels import alike, brief, describe, mean_curve, shown, sort_out
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.run_directory import Run
-from ogmp_sb3.sweeps import alike, brief, describe, mean_curve, shown, sort_out
 
 
 def job(log: dict[str, list[float]] | None = None, state: str = "finished", **settings: Any) -> Run:

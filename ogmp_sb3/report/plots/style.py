@@ -1,0 +1,57 @@
+"""What all pictures share: colours, and how they are written. Everything here draws without a screen.
+
+A path that ends in ``.png`` gets a picture of that kind; one without an ending gets a ``.png`` and a ``.svg``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
+MODE_COLOURS = {
+    "pace": "#0072b2", "leap": "#d55e00", "jump": "#009e73", "flip": "#cc79a7", "settle": "#0072b2",
+    "": "0.6",  # no mode
+}  # fmt: skip
+CAUSE_COLOURS = {
+    "time_limit": "#009e73", "max_distance": "#56b4e9", "bound": "#e69f00", "low_reward": "#cc79a7", "fall": "#d55e00",
+    "unstable": "#000000",
+}  # fmt: skip
+MORE_COLOURS = ("#8c564b", "#6a3d9a", "#bcbd22", "#17becf", "#e377c2", "#393b79")  # of users' own names
+
+plt.rcParams.update({
+    "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": "medium", "font.size": 9,
+    "legend.frameon": False, "svg.hashsalt": "ogmp_sb3",
+})  # fmt: skip
+
+
+def save(figure: Figure, path: Path, dpi: int = 120) -> None:
+    """Write a figure and close it: one file if the path ends in ``.png``, else a ``.png`` and a ``.svg``."""
+    if path.suffix == ".png":
+        figure.savefig(path, dpi=dpi)
+    else:
+        figure.savefig(path.with_name(f"{path.name}.png"), dpi=dpi)
+        figure.set_layout_engine("none")  # laid out already
+        figure.savefig(path.with_name(f"{path.name}.svg"), dpi=dpi, metadata={"Date": None})
+    plt.close(figure)
+
+
+def colours_of(names: Iterable[str], known: dict[str, str]) -> dict[str, str]:
+    """A colour for each name: its own if it is known, else the next of a cycle in the order of appearance."""
+    others = dict.fromkeys(name for name in names if name not in known)
+    return known | dict(zip(others, itertools.cycle(MORE_COLOURS), strict=False))
+
+
+def legend_entries(panels: list[Axes]) -> dict[str, Any]:
+    """The legend entries of several panels by label, each once."""
+    return {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
