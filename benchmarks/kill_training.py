@@ -38,7 +38,7 @@ DELAY = 0.1  # s, at most, behind the row of the log or the file that was waited
 def command(run_dir: Path, samples: int, resume: bool = False) -> list[str]:
     arguments = [f"resume={run_dir}"] if resume else [*SETTINGS, f"hydra.run.dir={run_dir}"]
     arguments.append(f"total_timesteps={samples}")
-    return [sys.executable, "-m", "ogmp_sb3.train", *arguments]
+    return [sys.executable, "-m", "ogmp_sb3.commands.train.program", *arguments]
 
 
 def start(run_dir: Path, samples: int, resume: bool = False) -> subprocess.Popen[bytes]:

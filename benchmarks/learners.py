@@ -35,7 +35,7 @@ def train_ours(folder: Path) -> list[Run]:
     seeds = ",".join(map(str, range(SEEDS)))
     swept = ["task=parkour", f"ppo.chunk_length=null,{CHUNK}", f"seed={seeds}", f"total_timesteps={SAMPLES}"]
     jobs = ["hydra/launcher=joblib", "torch_threads=1", "physics_threads=1", f"hydra.sweep.dir={folder}"]
-    subprocess.run([sys.executable, "-m", "ogmp_sb3.train", "-m", *swept, *jobs], check=True)
+    subprocess.run([sys.executable, "-m", "ogmp_sb3.commands.train.program", "-m", *swept, *jobs], check=True)
     return read_sweep(folder)
 
 

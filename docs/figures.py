@@ -45,7 +45,7 @@ SETTLED = 4.0  # s of play before the viewer's picture is taken
 
 def program(name: str, *arguments: str) -> None:
     """Run one of the package's programs."""
-    subprocess.run([sys.executable, "-m", f"ogmp_sb3.{name}", *arguments], check=True)
+    subprocess.run([Path(sys.executable).with_name(f"ogmp-{name}"), *arguments], check=True)
 
 
 def shrink(picture: Path) -> None:
@@ -78,7 +78,7 @@ def draw_reported(names: set[str]) -> None:
 def draw_robustness() -> None:
     """How much of each disturbance parkour withstands."""
     with tempfile.TemporaryDirectory() as folder:
-        program("evaluate", "run=parkour", "robustness=true", "episodes=50", f"out={folder}")
+        program("eval", "run=parkour", "robustness=true", "episodes=50", f"out={folder}")
         shutil.copy(Path(folder) / ROBUSTNESS, IMAGES / ROBUSTNESS)
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from helpers.mutations import SHIPPED, misspelt, mutated, nodes, parent
-from ogmp_sb3 import check
+from ogmp_sb3.commands import check
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.editor_schema import task_schema

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from helpers.paths import ROOT
-from ogmp_sb3.check import rigid_body, stance
+from ogmp_sb3.commands.check import rigid_body, stance
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.env.robot_check import Stand, model_srb, stand

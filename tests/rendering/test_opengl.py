@@ -46,7 +46,7 @@ def without_osmesa(folder: Path, *arguments: str) -> subprocess.CompletedProcess
 
 def test_a_program_that_draws_says_what_to_install(tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg", reason="videos need the extra 'viewer'")
-    done = without_osmesa(tmp_path, "-m", "ogmp_sb3.play", "task=dive", "video=a.png", "seconds=0.03")
+    done = without_osmesa(tmp_path, "-m", "ogmp_sb3.commands.play", "task=dive", "video=a.png", "seconds=0.03")
     assert done.returncode == 2
     assert "ogmp-play: no OpenGL found with MUJOCO_GL=osmesa: install a software one" in done.stderr
     assert "apt install libosmesa6" in done.stderr

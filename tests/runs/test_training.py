@@ -90,7 +90,7 @@ def test_every_ready_sweep_composes(name: str, tmp_path: Path) -> None:
 
 
 def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ogmp_sb3.train", "-m", "task=dive", "seed=0,1,2,3", *SMALL]
+    command = [sys.executable, "-m", "ogmp_sb3.commands.train.program", "-m", "task=dive", "seed=0,1,2,3", *SMALL]
     command += ["total_timesteps=1024", "checkpoint_interval=128", "hydra.sweep.dir=sweep"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + 120

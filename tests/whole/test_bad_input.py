@@ -161,10 +161,10 @@ def door(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BatchEnv, "step", begin)
-        patch.setattr("ogmp_sb3.encode.reference_data", begin)
-        patch.setattr("ogmp_sb3.export.export", begin)
-        patch.setattr("ogmp_sb3.play.Viewer.run", begin)
-        patch.setattr("ogmp_sb3.bench.bench_physics", begin)
+        patch.setattr("ogmp_sb3.commands.encode.reference_data", begin)
+        patch.setattr("ogmp_sb3.commands.export.bundle.export", begin)
+        patch.setattr("ogmp_sb3.commands.play.Viewer.run", begin)
+        patch.setattr("ogmp_sb3.commands.bench.program.bench_physics", begin)
         patch.setattr("ogmp_sb3.report.run_sections.overview", begin)
         yield tmp_path_factory.mktemp("door")
 

@@ -35,7 +35,15 @@ def test_jobs_in_other_processes_train_a_task_given_by_path_and_the_same_command
     shutil.copytree(ROBOTS_DIR / "hector", tmp_path / "mine" / "robot")
     task = yaml.safe_load((TASKS_DIR / "stairs.yaml").read_text()) | {"robot": "robot/robot.yaml"}
     (tmp_path / "mine" / "hill.yaml").write_text(yaml.safe_dump(task))
-    command = [sys.executable, "-m", "ogmp_sb3.train", "-m", "task=mine/hill.yaml", "rho=0.2,null", *SMALL]
+    command = [
+        sys.executable,
+        "-m",
+        "ogmp_sb3.commands.train.program",
+        "-m",
+        "task=mine/hill.yaml",
+        "rho=0.2,null",
+        *SMALL,
+    ]
     command += ["total_timesteps=128", "hydra.sweep.dir=sweep", f"hydra/launcher={launcher}", *settings]
     environment = {**os.environ, "HOME": str(tmp_path)}  # where Ray keeps its token
 

@@ -22,15 +22,15 @@ PACKAGE = Path(ogmp_sb3.__file__).parent
 ORDER = ("config", "guidance", "env", "rendering", "sb3", "runs", "evaluation", "report", "commands")
 """The packages from left to right. Each imports from its left and, without cycles, from itself."""
 
-NEED_EXTRAS = {"onnx_models", "controller"}  # of no use without
+NEED_EXTRAS = {"commands.export.onnx_graphs", "commands.export.controller"}  # of no use without
 
 SOLE_IMPORTERS = {
     "control": {"guidance.riccati"},
     "matplotlib": {"report.plots"},
     "mujoco.batch": {"env.simulation"},
-    "hydra": {"commands.train", "runs.multirun", "runs", "train", "overrides", "failures"},
-    "onnx": {"onnx_models"},
-    "onnxruntime": {"controller", "export"},
+    "hydra": {"commands.train", "runs.multirun"},
+    "onnx": {"commands.export.onnx_graphs"},
+    "onnxruntime": {"commands.export"},
 }
 
 DISTRIBUTIONS = {

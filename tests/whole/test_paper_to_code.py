@@ -14,13 +14,14 @@ from hydra import compose, initialize_config_module
 
 from helpers.paths import ROOT
 from helpers.programs import script
-from ogmp_sb3 import cli, train
+from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.train import program as train
+from ogmp_sb3.commands.train.search import VALUES
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.evaluation.grid import read_grid
-from ogmp_sb3.halving import VALUES
 
 TEXT = (ROOT / "docs" / "paper-to-code.md").read_text(encoding="utf-8")
 ROLES = sorted(set(re.findall(r"\{py:(\w+)\}`~?([\w.]+)`", TEXT)))

@@ -16,14 +16,14 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.train.command_line import REPLACES_TASK, checked, run_hydra, sentence
 from ogmp_sb3.config.catalogue import TASKS_DIR, task_names, task_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
-from ogmp_sb3.overrides import REPLACES_TASK, checked, run_hydra, sentence
 from ogmp_sb3.runs.run_directory import CONFIG, FAILURE, RESUMABLE, checkpoint_dirs, run_config
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.runs.training import begin_or_go_on, train
@@ -57,7 +57,7 @@ def _task_file(name: str) -> Path:
         return Path(f"{name}.yaml")
 
 
-@hydra.main(version_base="1.3", config_path="conf", config_name="train")
+@hydra.main(version_base="1.3", config_path="pkg://ogmp_sb3.conf", config_name="train")
 def _hydra_main(cfg: DictConfig) -> float:
     run_dir = Path(HydraConfig.get().runtime.output_dir)
     try:
@@ -185,7 +185,9 @@ def main() -> None:
         if any(argument.startswith("resume=") for argument in arguments):
             _resume(arguments)
         elif searches:
-            from ogmp_sb3.halving import search  # brings evaluation and its plots, which a training does without
+            from ogmp_sb3.commands.train.search import (
+                search,  # brings evaluation and its plots, which a training does without
+            )
 
             rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith("+search=")]
             search(searches[-1], rest, _run)

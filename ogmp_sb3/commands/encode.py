@@ -9,7 +9,7 @@ import numpy as np
 import torch as th
 from torch.utils.tensorboard import SummaryWriter
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.encoder_training import (

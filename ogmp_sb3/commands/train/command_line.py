@@ -21,7 +21,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, MissingConfigException
 from omegaconf.errors import OmegaConfBaseException
 
-from ogmp_sb3.cli import task_keys
+from ogmp_sb3.commands.cli import task_keys
 from ogmp_sb3.config.messages import describe, did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.settings import TrainConfig

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy

@@ -10,7 +10,7 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import InterpolationToMissingValueError
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.runs.run_directory import FAILURE
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.table import Table
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from helpers.programs import SMALL, program
-from ogmp_sb3.play import PlayConfig, load
+from ogmp_sb3.commands.play import PlayConfig, load
 from ogmp_sb3.rendering.player import Player
 
 
@@ -70,7 +70,7 @@ def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, tmp_path
 
 def test_the_viewer_says_where_it_listens_and_stops_on_ctrl_c() -> None:
     pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
-    command = [sys.executable, "-u", "-m", "ogmp_sb3.play", "task=dive", "port=0"]
+    command = [sys.executable, "-u", "-m", "ogmp_sb3.commands.play", "task=dive", "port=0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as viewer:
         assert viewer.stdout is not None and viewer.stderr is not None
         line = next(line for line in viewer.stdout if "http://" in line)

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.editor_schema import task_schema
 from ogmp_sb3.config.load import load_task

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from helpers.programs import program
-from ogmp_sb3.check import reference_panels
+from ogmp_sb3.commands.check import reference_panels
 from ogmp_sb3.config.load import load_task
 
 

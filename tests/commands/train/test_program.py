@@ -156,7 +156,7 @@ def test_a_damaged_checkpoint_is_passed_over_with_a_warning(run: Path, tmp_path:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_sigterm_save_and_say_how_to_go_on(number: int, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ogmp_sb3.train", "task=dive", *SMALL, "hydra.run.dir=run"]
+    command = [sys.executable, "-m", "ogmp_sb3.commands.train.program", "task=dive", *SMALL, "hydra.run.dir=run"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 120
         while not (tmp_path / "run" / "progress.csv").is_file() and time.monotonic() < deadline:

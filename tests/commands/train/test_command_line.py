@@ -11,7 +11,7 @@ from hydra.errors import ConfigCompositionException, HydraException
 
 from helpers.mutations import SHIPPED, check_sentence
 from helpers.programs import SMALL, program
-from ogmp_sb3.overrides import FULL_ERROR, checked, run_hydra, sentence
+from ogmp_sb3.commands.train.command_line import FULL_ERROR, checked, run_hydra, sentence
 
 DIVE = [SHIPPED["dive"]]
 

@@ -12,7 +12,9 @@ from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from helpers.programs import program
-from ogmp_sb3 import bench, bench_physics, bench_sim
+from ogmp_sb3.commands.bench import physics as bench_physics
+from ogmp_sb3.commands.bench import program as bench
+from ogmp_sb3.commands.bench import simulation as bench_sim
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from helpers.programs import SMALL, program
-from ogmp_sb3 import halving
+from ogmp_sb3.commands.train import search as halving
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import read_sweep, setting

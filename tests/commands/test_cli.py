@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config.task import TaskConfig
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ogmp_sb3 import cli
+from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import task_path
 from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig

@@ -1,58 +1,34 @@
-"""``ogmp-export``: a policy as ONNX, with all that a controller elsewhere needs to know about it."""
+"""The files of an exported policy, and the proof that they do what the policy does."""
 
 from __future__ import annotations
 
 import shutil
-import tempfile
 import time
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ogmp_sb3 import cli
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.env.agent import Actor
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP, Part
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import reference_features, task_encoder
-from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
+from ogmp_sb3.runs.policies import LoadedPolicy
 from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import checksum, save_json
-from ogmp_sb3.sb3.policy import Normaliser
 
 if TYPE_CHECKING:
-    from ogmp_sb3.controller import Controller
+    from ogmp_sb3.commands.export.controller import Controller
 
-PROGRAM = "ogmp-export"
 FORMAT = 1
 FEATURE_NAMES = ("x - x0", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz")
 ACTOR, ENCODER, INFO = "policy.onnx", "encoder.onnx", "controller.json"
 PARITY_STEPS = 1000
 PARITY_REFERENCES = 50  # of each mode
 TOLERANCE = 1e-5  # greatest difference from PyTorch
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportConfig:
-    """Keys of the command line."""
-
-    run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
-    out: str = cli.option("directory to write")
-    trust: bool = cli.option(cli.TRUST, False)
-    task: str | None = cli.option(cli.ZIP_TASK, None)
-
-
-HELP = cli.usage(
-    PROGRAM,
-    "write a policy as ONNX, with its observations, actions and gains as JSON and an example controller.",
-    ["ogmp-export run=runs/parkour/2026-01-31_12-00-00 out=exported", "ogmp-export run=parkour out=exported"],
-    ExportConfig,
-)
 
 
 def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
@@ -125,7 +101,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
 
 def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
     """Write models, description and example controller."""
-    from ogmp_sb3.onnx_models import actor_model, encoder_model
+    from ogmp_sb3.commands.export.onnx_graphs import actor_model, encoder_model
 
     out.mkdir(parents=True, exist_ok=True)
     models = {ACTOR: actor_model(loaded.policy)}
@@ -135,7 +111,7 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
     save_json(out / INFO, {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}})
-    shutil.copy(PACKAGE / "controller.py", out / "controller.py")
+    shutil.copy(Path(__file__).with_name("controller.py"), out / "controller.py")
 
 
 def parity(loaded: LoadedPolicy, env: BatchEnv, controller: Controller) -> tuple[float, np.ndarray]:
@@ -182,41 +158,3 @@ def _check(what: str, difference: float) -> None:
         raise ValueError(
             f"the {what} strays from PyTorch by {difference:.1e}, over {TOLERANCE:g}: nothing is exported."
         )
-
-
-def _run(arguments: list[str]) -> None:
-    config, _ = cli.parse(ExportConfig, arguments, PROGRAM)
-    cli.require("export", "onnx", "onnxruntime")
-    from ogmp_sb3.controller import Controller
-
-    loaded, out = load_policy(config.run, config.trust, config.task), Path(config.out)
-    if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
-        raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")
-    env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)
-    out.mkdir(parents=True, exist_ok=True)
-    # Out of sight until it is known to be right: what lies in 'out' may drive a robot.
-    with tempfile.TemporaryDirectory(dir=out, prefix=".") as folder:
-        export(loaded, env, Path(folder))
-        difference, seconds = parity(loaded, env, Controller(folder))
-        _check("actor", difference)
-        said = [f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}."]
-        if loaded.task.uses_latent:
-            difference = encoder_parity(loaded, Path(folder) / ENCODER)
-            _check("encoder", difference)
-            said.append(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
-        files = sorted(Path(folder).iterdir())
-        (out / ENCODER).unlink(missing_ok=True)  # of another policy
-        for file in files:
-            file.replace(out / file.name)
-    median, slow = 1e3 * np.quantile(seconds, (0.5, 0.99))
-    said.append(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
-    cli.console().print("\n".join([f"{out}: {', '.join(file.name for file in files)}", *said]))
-
-
-def main() -> None:
-    """Entry point."""
-    cli.run(PROGRAM, HELP, _run)
-
-
-if __name__ == "__main__":
-    main()

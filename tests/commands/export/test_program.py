@@ -15,8 +15,8 @@ import pytest
 
 from helpers.learners import make_policy
 from helpers.programs import program
-from ogmp_sb3 import export
-from ogmp_sb3.controller import Controller
+from ogmp_sb3.commands.export import program as export
+from ogmp_sb3.commands.export.controller import Controller
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy

@@ -1,0 +1,1 @@
+"""The console programs. Nothing else imports them."""

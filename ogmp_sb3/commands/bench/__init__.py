@@ -1,0 +1,1 @@
+"""``ogmp-bench``: how fast simulation, learner and training are."""
