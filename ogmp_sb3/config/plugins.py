@@ -58,12 +58,12 @@ def load(entry: EntryPoint, taken: Iterable[Path]) -> Plugin:
         raise TypeError(f"'{entry.value}' must name a module, or a package with an __init__.py")
     file = Path(module.__file__)
     if file.name != "__init__.py" and "." not in module.__name__:
-        return describe(entry)
+        return plugin_of(entry)
     _check_files(file.parent, taken)
-    return describe(entry, folder=file.parent)
+    return plugin_of(entry, folder=file.parent)
 
 
-def describe(entry: EntryPoint, folder: Path | None = None, error: Exception | None = None) -> Plugin:
+def plugin_of(entry: EntryPoint, folder: Path | None = None, error: Exception | None = None) -> Plugin:
     """What is known of a plug-in."""
     assert entry.dist is not None
     reason = None if error is None else " ".join(f"{type(error).__name__}: {error}".split())
@@ -105,7 +105,7 @@ def _load(entry: EntryPoint, folders: list[Path]) -> Plugin:
     except Exception as error:
         for kind, functions in zip(KINDS, before, strict=True):
             kind._functions = functions
-        plugin = describe(entry, error=error)
+        plugin = plugin_of(entry, error=error)
         if isinstance(error, NameTaken):
             raise NameTaken(f"{plugin}: {error}") from None
         return plugin

@@ -194,7 +194,7 @@ class BatchEnv:
 
     def _moment_arrays(self) -> list[np.ndarray]:
         """What an environment is put back to."""
-        return [*self.plans.arrays().values(), *self.course.arrays().values(), self.sim.batch.state]
+        return [*self.plans.arrays().values(), *self.course.arrays().values(), self.sim.mj.state]
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -286,7 +286,7 @@ class BatchEnv:
         return {"course.": self.course, "plans.": self.plans}
 
     def _own_arrays(self) -> dict[str, np.ndarray]:
-        return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.batch.state}
+        return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.mj.state}
 
     # ------------------------------------------------------------------ parts of a step
 

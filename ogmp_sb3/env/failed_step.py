@@ -85,7 +85,7 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     sim = Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, threads=1)
     row, joints = np.array([0]), task.robot_config.joints
     for name, found, shape in (
-        ("state", step.state, sim.batch.state[0].shape),
+        ("state", step.state, sim.mj.state[0].shape),
         ("terrain", step.terrain, (task.track.boxes, 5)),
         ("action", step.action, (len(joints),)),
     ):
@@ -94,7 +94,7 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     sim.vary(row, **{name: np.array([value]) for name, value in step.varied.items()})
     sim.set_terrain(row, step.terrain[None])
     sim.place(row, np.zeros((1, 3)), np.array(task.robot_config.nominal_joints))
-    sim.batch.state[0] = step.state
+    sim.mj.state[0] = step.state
     speeds = np.abs(np.nan_to_num(sim.qvel[0, sim.joint_qvel], nan=np.inf))
     fastest = int(speeds.argmax())
     height = float(sim.qpos[0, sim.base_qpos + 2])

@@ -30,12 +30,12 @@ class Simulation:
 
     def __init__(self, robot: RobotConfig, num_envs: int, physics_dt: float, terrain_boxes: int, threads: int) -> None:
         self.model = build_model(robot, physics_dt, terrain_boxes)
-        self.batch = Batch(self.model, nsim=num_envs, nthread=threads)
-        self.qpos = self.batch.bind("qpos")
-        self.qvel = self.batch.bind("qvel")
-        self.ctrl = self.batch.bind("ctrl")
-        self.qacc = self.batch.bind("qacc")
-        self._sensors = self.batch.bind("sensordata")
+        self.mj = Batch(self.model, nsim=num_envs, nthread=threads)
+        self.qpos = self.mj.bind("qpos")
+        self.qvel = self.mj.bind("qvel")
+        self.ctrl = self.mj.bind("ctrl")
+        self.qacc = self.mj.bind("qacc")
+        self._sensors = self.mj.bind("sensordata")
 
         model = self.model
         free = model.body(robot.base).jntadr[0]
@@ -53,12 +53,12 @@ class Simulation:
 
         self._first_box = model.geom("terrain_0").id
         self._boxes = slice(self._first_box, self._first_box + terrain_boxes)
-        self._geom_pos = self.batch.expand("geom_pos")
-        self._geom_size = self.batch.expand("geom_size")
-        self._geom_rbound = self.batch.expand("geom_rbound")
+        self._geom_pos = self.mj.expand("geom_pos")
+        self._geom_size = self.mj.expand("geom_size")
+        self._geom_rbound = self.mj.expand("geom_rbound")
         self._warnings_seen = self._warning_counts()
         self._failed = np.zeros(num_envs, dtype=bool)  # MuJoCo gave up in the last step
-        self.before = self.batch.state.copy()
+        self.before = self.mj.state.copy()
         """states, with their controls, as they were before the last step, shape (num_envs, size)"""
 
     def _contact_addresses(self, robot: RobotConfig) -> np.ndarray:
@@ -103,19 +103,19 @@ class Simulation:
         :param friction: sliding friction coefficient of every geom, shape (n,)
         :param gains: factor on kp and kd of every servo, shape (n,)
         """
-        model, batch = self.model, self.batch
+        model, mj = self.model, self.mj
         if mass is not None:
-            batch.expand("body_mass")[rows] = mass[:, None] * model.body_mass
-            batch.expand("body_inertia")[rows] = mass[:, None, None] * model.body_inertia
-            batch.set_const(rows)
+            mj.expand("body_mass")[rows] = mass[:, None] * model.body_mass
+            mj.expand("body_inertia")[rows] = mass[:, None, None] * model.body_inertia
+            mj.set_const(rows)
         if friction is not None:
-            batch.expand("geom_friction")[rows, :, 0] = friction[:, None]
+            mj.expand("geom_friction")[rows, :, 0] = friction[:, None]
         if gains is not None:
             self.gain_factor[rows] = gains[:, None]
             servos = rows[:, None], self.actuators
-            batch.expand("actuator_gainprm")[*servos, 0] = gains[:, None] * self.kp
-            batch.expand("actuator_biasprm")[*servos, 1] = -gains[:, None] * self.kp
-            batch.expand("actuator_biasprm")[*servos, 2] = -gains[:, None] * self.kd
+            mj.expand("actuator_gainprm")[*servos, 0] = gains[:, None] * self.kp
+            mj.expand("actuator_biasprm")[*servos, 1] = -gains[:, None] * self.kp
+            mj.expand("actuator_biasprm")[*servos, 2] = -gains[:, None] * self.kd
 
     def push(self, rows: np.ndarray, velocity: np.ndarray) -> None:
         """Change the horizontal velocity of some robots at once.
@@ -132,7 +132,7 @@ class Simulation:
         :param base_pos: shape (n, 3), m
         :param joint_pos: shape (joints,), rad
         """
-        self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.mj.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self.qpos[rows[:, None], np.arange(self.base_qpos, self.base_qpos + 3)] = base_pos
         self.qpos[rows[:, None], np.arange(self.base_qpos + 3, self.base_qpos + 7)] = (1.0, 0.0, 0.0, 0.0)
         self.qpos[rows[:, None], self.joint_qpos] = joint_pos
@@ -146,11 +146,11 @@ class Simulation:
         :param rows: which, or None for all
         :param substeps: physics steps
         """
-        np.copyto(self.before, self.batch.state)
+        np.copyto(self.before, self.mj.state)
         given = mujoco.MjLogConfig.get()
         _QUIET.set()
         try:
-            self.batch.step(rows, substeps)
+            self.mj.step(rows, substeps)
         except SimulationError as error:
             self._failed[error.ids] = True
         finally:
@@ -182,10 +182,10 @@ class Simulation:
 
     def complaints(self, row: int) -> list[tuple[str, int]]:
         """What MuJoCo warned of in a simulation since it was placed: the kind, and the index it is about."""
-        found = np.asarray(self.batch.warning)[row]  # (kinds, 2): index, count
-        error = [(self.batch.error(row), 0)] if self._failed[row] else []
+        found = np.asarray(self.mj.warning)[row]  # (kinds, 2): index, count
+        error = [(self.mj.error(row), 0)] if self._failed[row] else []
         return error + [(mujoco.mjtWarning(kind).name, int(found[kind, 0])) for kind in np.flatnonzero(found[:, 1])]
 
     def _warning_counts(self) -> np.ndarray:
-        counts: np.ndarray = np.asarray(self.batch.warning).reshape(len(self.qpos), -1).sum(axis=1)
+        counts: np.ndarray = np.asarray(self.mj.warning).reshape(len(self.qpos), -1).sum(axis=1)
         return counts

@@ -26,7 +26,7 @@ MARK_HALF_WIDTH = 3.0  # m: and no longer than this to each side
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class Drawable:
     """What is drawn."""
 
     robot: np.ndarray
@@ -42,7 +42,7 @@ class Scene:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame(Scene):
+class Frame(Drawable):
     """One control step of one environment."""
 
     reference: np.ndarray
@@ -102,7 +102,7 @@ def ground_marks(terrain: np.ndarray, x: float) -> np.ndarray:
     return np.array(lines).reshape(-1, 2, 3)
 
 
-def scene_of(env: BatchEnv, row: int, view: EnvView, before: Scene | None) -> Scene:
+def drawable_of(env: BatchEnv, row: int, view: EnvView, before: Drawable | None) -> Drawable:
     """What there is to see of one environment.
 
     :param env: the environments
@@ -117,7 +117,7 @@ def scene_of(env: BatchEnv, row: int, view: EnvView, before: Scene | None) -> Sc
     ground = [env.terrain[row]]
     if before is not None:
         ground.insert(0, before.terrain[before.terrain[:, X1] > robot[p] - SEEN_BEHIND])
-    return Scene(
+    return Drawable(
         robot=robot,
         ghost=ghost,
         base=robot[p : p + 3],

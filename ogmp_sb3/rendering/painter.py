@@ -15,7 +15,7 @@ import numpy as np
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.rendering.frame import Scene, scene_of
+from ogmp_sb3.rendering.frame import Drawable, drawable_of
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.renderer import send
 
@@ -49,13 +49,13 @@ class Painter:
         self.close = weakref.finalize(self, _end, self._process)
         self._ask(0, model=binary, width=width, height=height)
 
-    def draw(self, scene: Scene, lookat: np.ndarray) -> np.ndarray:
+    def draw(self, drawable: Drawable, lookat: np.ndarray) -> np.ndarray:
         """One picture, shape (height, width, 3), uint8.
 
         :param lookat: the point in the middle of it, shape (3,), m
         :raises ValueError: if the process that draws has failed
         """
-        parts = {name: getattr(scene, name) for name in ("robot", "ghost", "trail", "terrain")}
+        parts = {name: getattr(drawable, name) for name in ("robot", "ghost", "trail", "terrain")}
         picture = self._ask(math.prod(self.shape), lookat=lookat, **parts)
         return np.frombuffer(picture, np.uint8).reshape(self.shape).copy()
 
@@ -92,7 +92,7 @@ class Pictures:
     def __init__(self, env: BatchEnv) -> None:
         self.env = env
         self._painter: Painter | None = None
-        self._scenes: dict[int, Scene] = {}
+        self._drawn: dict[int, Drawable] = {}
 
     def draw(self, row: int) -> np.ndarray:
         """A picture of one environment as it is now, shape (height, width, 3), uint8.
@@ -101,8 +101,8 @@ class Pictures:
         """
         if self._painter is None:
             self._painter = Painter(self.env.task)
-        scene = self._scenes[row] = scene_of(self.env, row, self.env.view(), self._scenes.get(row))
-        return self._painter.draw(scene, scene.base + CAMERA_TARGET)
+        drawable = self._drawn[row] = drawable_of(self.env, row, self.env.view(), self._drawn.get(row))
+        return self._painter.draw(drawable, drawable.base + CAMERA_TARGET)
 
     def forget(self, rows: np.ndarray | None = None) -> None:
         """Forget the ground of episodes that are over.
@@ -110,7 +110,7 @@ class Pictures:
         :param rows: which environments, shape (n,), int; None for all
         """
         for row in range(self.env.num_envs) if rows is None else rows.tolist():
-            self._scenes.pop(row, None)
+            self._drawn.pop(row, None)
 
     def close(self) -> None:
         """End the process that draws."""

@@ -14,7 +14,7 @@ from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
 from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
 from ogmp_sb3.guidance.srb import OMEGA, POS, VEL
-from ogmp_sb3.rendering.frame import Frame, scene_of
+from ogmp_sb3.rendering.frame import Frame, drawable_of
 
 ENDLESS = 10**9  # control steps
 
@@ -113,15 +113,15 @@ class Player:
 
     def _frame(self, view: EnvView, before: Frame | None, reward: float, ended: str) -> Frame:
         env, v = self.env, self.env.sim.base_qvel
-        scene = scene_of(env, 0, view, before)
+        drawable = drawable_of(env, 0, view, before)
         return Frame(
-            robot=np.zeros(0) if self.policy is None else scene.robot,
-            ghost=scene.ghost,
-            base=scene.base,
-            trail=scene.trail,
-            terrain=scene.terrain,
+            robot=np.zeros(0) if self.policy is None else drawable.robot,
+            ghost=drawable.ghost,
+            base=drawable.base,
+            trail=drawable.trail,
+            terrain=drawable.terrain,
             reference=view.reference[0, POS],
-            mode=_described(env.course.mode_at(0, float(scene.base[0]))),
+            mode=_described(env.course.mode_at(0, float(drawable.base[0]))),
             time=float(env.step_count[0]) * self.task.control_dt,
             speed=float(np.linalg.norm(env.sim.qvel[0, v : v + 2])),
             reward=reward,

@@ -49,7 +49,7 @@ class Artist:
     ) -> np.ndarray:
         """One picture, shape (height, width, 3), uint8.
 
-        :param robot: as in :class:`~ogmp_sb3.rendering.frame.Scene`, like what follows
+        :param robot: as in :class:`~ogmp_sb3.rendering.frame.Drawable`, like what follows
         :param lookat: the point in the middle of the picture, shape (3,), m
         """
         self.camera.lookat[:] = lookat

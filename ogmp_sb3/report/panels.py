@@ -64,7 +64,7 @@ def sort_out(jobs: list[Run]) -> Sweep:
     for job in jobs:
         if not job.config:
             continue
-        lines = groups.setdefault(describe(job, others), {})
+        lines = groups.setdefault(label_of(job, others), {})
         value = setting(job, line_key)
         line = lines.setdefault(str(value), Line(value, []))
         if job.fingerprint not in {other.fingerprint for other in line.runs}:
@@ -75,7 +75,7 @@ def sort_out(jobs: list[Run]) -> Sweep:
     return Sweep(jobs, keys, line_key, panels)
 
 
-def describe(job: Run, keys: list[str]) -> str:
+def label_of(job: Run, keys: list[str]) -> str:
     """The values of some keys of a job: ``oracle=lqr, rho=0.3``."""
     return ", ".join(f"{key}={shown(setting(job, key))}" for key in keys)
 
@@ -105,7 +105,7 @@ def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], Seq
     others = [other for other in keys if other != key]
     groups: dict[str, dict[str, Run]] = {}
     for job in jobs:
-        groups.setdefault(describe(job, others), {}).setdefault(shown(setting(job, key)), job)
+        groups.setdefault(label_of(job, others), {}).setdefault(shown(setting(job, key)), job)
     found = [list(group.values()) for group in groups.values()]
     best = max(found, key=lambda group: (len(group), *np.mean([score(job) for job in group], axis=0)), default=[])
     return sorted(best, key=lambda job: _order(setting(job, key)))

@@ -14,7 +14,7 @@ from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
-from ogmp_sb3.report.panels import Sweep, alike, brief, describe, mean_curve, shown
+from ogmp_sb3.report.panels import Sweep, alike, brief, label_of, mean_curve, shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.trainings import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
@@ -216,7 +216,7 @@ def evaluation(
 
 
 def _label(job: Run, sweep: Sweep) -> str:
-    return describe(job, sweep.keys) or job.path.name
+    return label_of(job, sweep.keys) or job.path.name
 
 
 def motion(
@@ -231,7 +231,7 @@ def motion(
             continue
         chosen = [policies[i] for i in spread(len(policies))]
         traces = [trace for job in chosen for trace in subjects[job.path].traces(1, seed, _label(job, sweep))]
-        others = describe(chosen[0], [other for other in sweep.keys if other != key])
+        others = label_of(chosen[0], [other for other in sweep.keys if other != key])
         caption = f"Policies that differ in {key} alone, on the episode of seed {seed}."
         if others:
             caption += f" All have {others}."

@@ -23,7 +23,7 @@ def check_track(env: BatchEnv) -> None:
         assert (used[:, X1] > used[:, X0]).all()
         half_width = 0.5 * env.task.track.width
         np.testing.assert_array_equal(used[:, [Y0, Y1]], [[-half_width, half_width]] * len(used))
-        model = env.sim.batch.get_model(row)
+        model = env.sim.mj.get_model(row)
         for box, (x0, x1, y0, y1, top) in enumerate(env.terrain[row]):
             geom = model.geom(f"terrain_{box}")
             if top > NOTHING:

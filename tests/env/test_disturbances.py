@@ -109,7 +109,7 @@ def test_disturbances_of_no_size_leave_every_bit_as_it_is_without(name: str) -> 
 def test_off_it_gives_no_simulation_a_model_of_its_own_and_saves_nothing() -> None:
     env = BatchEnv(task(), 2, SEED, threads=1)
     env.reset()
-    model, base = env.sim.batch.get_model(0), env.sim.model
+    model, base = env.sim.mj.get_model(0), env.sim.model
     for field in ("body_mass", "geom_friction", "actuator_gainprm", "actuator_biasprm", "dof_invweight0"):
         np.testing.assert_array_equal(getattr(model, field), getattr(base, field))
     arrays, plain = env.state()
@@ -193,7 +193,7 @@ def test_the_robots_simulated_are_those_that_were_drawn() -> None:
     env.reset()
     wanted = env.disturbances.robots(np.arange(3))
     for row in range(3):
-        model = env.sim.batch.get_model(row)
+        model = env.sim.mj.get_model(row)
         np.testing.assert_allclose(model.body_mass.sum(), wanted["mass"][row] * env.sim.model.body_mass.sum())
         np.testing.assert_allclose(model.geom_friction[:, 0], wanted["friction"][row])
         np.testing.assert_allclose(model.actuator_gainprm[:, 0], 30.0 * wanted["gains"][row])

@@ -47,7 +47,7 @@ def put(sim: Simulation, positions: list[list[float]]) -> None:
 
 def lowest_point(sim: Simulation, row: int) -> float:
     """Height of the lowest point of any colliding geom of the robot, by MuJoCo's own boxes around geoms, m."""
-    model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+    model, data = sim.mj.get_model(row), sim.mj.get_data(row)
     mujoco.mj_forward(model, data)
     lowest = np.inf
     for i in range(model.ngeom):
@@ -196,7 +196,7 @@ def test_moving_the_terrain_of_some_rows_leaves_the_others(sim: Simulation) -> N
     sim.set_terrain(np.array([2, 0]), np.stack([ground((0, 1, -1, 1, 0.2)), ground((0, 1, -1, 1, 0.1))]))
     tops = []
     for row in range(3):
-        geom = sim.batch.get_model(row).geom("terrain_0")
+        geom = sim.mj.get_model(row).geom("terrain_0")
         tops.append(geom.pos[2] + geom.size[2])
     np.testing.assert_allclose(tops, [0.1, 0.0, 0.2], atol=1e-12)
 
@@ -249,7 +249,7 @@ def test_body_contact_is_felt_by_trunk_and_legs_but_not_by_feet_nor_in_the_air(s
     sim.qpos[1, 3:7] = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0]  # on its side
     sim.qpos[1, 2] = 0.12
     sim.step(None, 30)
-    model, data = sim.batch.get_model(0), sim.batch.get_data(0)
+    model, data = sim.mj.get_model(0), sim.mj.get_data(0)
     mujoco.mj_forward(model, data)
     assert data.ncon > 0  # row 0 stands on its feet
     np.testing.assert_array_equal(sim.body_contact(), [False, True, False])
@@ -309,7 +309,7 @@ def test_a_heavier_robot_is_the_one_that_mujoco_makes_of_heavier_bodies() -> Non
         model.body_mass *= factor
         model.body_inertia *= factor
         mujoco.mj_setConst(model, mujoco.MjData(model))
-        varied = sim.batch.get_model(row)
+        varied = sim.mj.get_model(row)
         for field in ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0"):
             np.testing.assert_allclose(getattr(varied, field), getattr(model, field), rtol=1e-12, err_msg=field)
 
@@ -320,7 +320,7 @@ def test_the_ground_carries_the_weight_of_a_heavier_robot() -> None:
     put(sim, [[0, 0, 0.5]] * 2)
     sim.step(None, 1500)
     for row, factor in enumerate((1.0, 1.5)):
-        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        model, data = sim.mj.get_model(row), sim.mj.get_data(row)
         mujoco.mj_forward(model, data)
         assert data.qfrc_constraint[2] == pytest.approx(factor * 14.046 * 9.81, rel=0.05)
 
@@ -331,7 +331,7 @@ def test_friction_is_that_of_every_contact_of_its_row() -> None:
     put(sim, [[0, 0, 0.5]] * 2)
     sim.step(None, 50)
     for row, friction in enumerate((1.0, 0.35)):
-        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        model, data = sim.mj.get_model(row), sim.mj.get_data(row)
         mujoco.mj_forward(model, data)
         assert data.ncon > 0
         np.testing.assert_allclose([contact.friction[:2] for contact in data.contact], friction)
@@ -346,7 +346,7 @@ def test_torques_are_those_of_the_servos_with_their_gains() -> None:
     sim.qvel[:, 6:] = rng.uniform(-1, 1, (3, 10))
     torque = sim.torque(np.arange(3), sim.qpos[:, sim.joint_qpos], sim.qvel[:, sim.joint_qvel])
     for row, factor in enumerate((0.5, 1.0, 1.4)):
-        model, data = sim.batch.get_model(row), sim.batch.get_data(row)
+        model, data = sim.mj.get_model(row), sim.mj.get_data(row)
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(torque[row], data.actuator_force, rtol=1e-9)
         np.testing.assert_allclose(torque[row] / factor, 30.0 * (sim.ctrl[row] - 0.0) - 0.5 * sim.qvel[row, 6:])

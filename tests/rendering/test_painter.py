@@ -12,7 +12,7 @@ import pytest
 from helpers.players import flat
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.rendering.frame import scene_of
+from ogmp_sb3.rendering.frame import drawable_of
 from ogmp_sb3.rendering.painter import HEIGHT, WIDTH, Painter, Pictures
 from ogmp_sb3.sb3.gym_env import OgmpEnv
 
@@ -27,7 +27,7 @@ def test_a_scene_has_the_robot_where_it_is_and_the_ghost_at_the_reference() -> N
     env.reset()
     still(env, 5)
     view = env.view()
-    scene = scene_of(env, 2, view, None)
+    scene = drawable_of(env, 2, view, None)
     np.testing.assert_array_equal(scene.robot, env.sim.qpos[2])
     np.testing.assert_array_equal(scene.base, view.base_pos_w[2])
     np.testing.assert_array_equal(scene.ghost[:3], view.reference[2, 3:6])
@@ -40,9 +40,9 @@ def test_ground_stays_in_sight_for_six_metres_after_the_physics_let_go_of_it() -
     env = BatchEnv(flat(), 1)
     env.reset()
     near, far = (-6.0, -5.0, -1.0, 1.0, 0.2), (-9.0, -8.0, -1.0, 1.0, 0.2)
-    now = scene_of(env, 0, env.view(), None)
+    now = drawable_of(env, 0, env.view(), None)
     before = replace(now, terrain=np.vstack([far, near, now.terrain]))
-    after = scene_of(env, 0, env.view(), before)
+    after = drawable_of(env, 0, env.view(), before)
     np.testing.assert_array_equal(after.terrain, np.vstack([near, now.terrain]))
 
 
@@ -66,7 +66,7 @@ def test_rows_are_drawn_each_for_itself(opengl) -> None:
 
 def test_a_painter_that_died_is_a_sentence(opengl) -> None:
     env = BatchEnv(flat(), 1)
-    scene = scene_of(env, 0, env.view(), None)
+    scene = drawable_of(env, 0, env.view(), None)
     with Painter(env.task) as painter:
         painter._process.kill()
         with pytest.raises(ValueError, match=r"drawing with MUJOCO_GL=\w+ failed \(exit code -9\)"):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.report.panels import alike, brief, describe, mean_curve, shown, sort_out
+from ogmp_sb3.report.panels import alike, brief, label_of, mean_curve, shown, sort_out
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.run_directory import Run
@@ -49,7 +49,7 @@ def test_a_job_that_was_never_started_has_no_line() -> None:
 
 
 def test_settings_are_shown_as_they_are_typed() -> None:
-    assert describe(job(rho=None, observations={"clock": None}), ["rho", "observations"]) == (
+    assert label_of(job(rho=None, observations={"clock": None}), ["rho", "observations"]) == (
         "rho=null, observations={clock: null}"
     )
 

@@ -60,9 +60,7 @@ def record_windows(task: TaskConfig, policy: Policy | None, num_envs: int = 16) 
             found += [Window(s, t, np.array(c)) for _, s, t, c in open_windows]
             if len(found) >= WINDOWS:
                 break
-            open_windows = [
-                (row, env.sim.batch.state[row].copy(), env.terrain[row].copy(), []) for row in range(num_envs)
-            ]
+            open_windows = [(row, env.sim.mj.state[row].copy(), env.terrain[row].copy(), []) for row in range(num_envs)]
         if actor is None:
             action = task.action.noise / task.action.scale * rng.standard_normal((num_envs, env.action_size))
         else:
@@ -79,7 +77,7 @@ def record_windows(task: TaskConfig, policy: Policy | None, num_envs: int = 16) 
     return found[:WINDOWS]
 
 
-def replay(task: TaskConfig, windows: list[Window], dt: float) -> list[Outcome]:
+def replay_windows(task: TaskConfig, windows: list[Window], dt: float) -> list[Outcome]:
     """Replay windows with another physics step."""
     model = build_model(task.robot_config, dt, task.track.boxes)
     data = mujoco.MjData(model)
@@ -116,12 +114,12 @@ def _replay_one(model: mujoco.MjModel, data: mujoco.MjData, boxes: slice, window
 def bench_physics(task: TaskConfig, policy: Policy | None, num_envs: int, repeats: int) -> dict[str, float]:
     """Errors of each physics step against 0.5 ms over 0.3 s, and its cost relative to the task's own."""
     windows = record_windows(task, policy)
-    reference = replay(task, windows, REFERENCE_DT)
+    reference = replay_windows(task, windows, REFERENCE_DT)
     found: dict[str, float] = {}
     own = _milliseconds(task, windows, num_envs, repeats)
     for dt in COMPARED_DT:
         name = f"{1000 * dt:g}_ms"
-        outcomes = replay(task, windows, dt)
+        outcomes = replay_windows(task, windows, dt)
         pairs = list(zip(outcomes, reference, strict=True))
         error = [float(np.linalg.norm(a.base_pos - b.base_pos)) for a, b in pairs]
         cost = _milliseconds(replace(task, physics_dt=dt), windows, num_envs, repeats)
@@ -142,10 +140,10 @@ def _milliseconds(task: TaskConfig, windows: list[Window], num_envs: int, repeat
     sim.set_terrain(np.arange(num_envs), np.stack([w.terrain for w in chosen]))
     times = []
     for _ in range(repeats):
-        sim.batch.state[:] = np.stack([w.state for w in chosen])
+        sim.mj.state[:] = np.stack([w.state for w in chosen])
         begin = time.perf_counter()
         for k in range(WINDOW):
             sim.ctrl[:] = np.stack([w.ctrl[k] for w in chosen])
-            sim.batch.step(None, task.substeps)
+            sim.mj.step(None, task.substeps)
         times.append((time.perf_counter() - begin) / WINDOW)
     return 1000 * float(np.median(times))

@@ -81,7 +81,7 @@ def record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
     for action in recording.actions:
         _, _, dones, _ = env.step(action)
         ended = np.flatnonzero(dones)
-        recording.resets.append((ended, batch.sim.batch.state[ended].copy(), batch.terrain[ended].copy()))
+        recording.resets.append((ended, batch.sim.mj.state[ended].copy(), batch.terrain[ended].copy()))
         moved = np.flatnonzero((batch.terrain != before).any(axis=(1, 2)) & ~dones)
         recording.laid.append((moved, batch.terrain[moved].copy()))
         before = batch.terrain.copy()
@@ -100,7 +100,7 @@ def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Cal
     reference.reset()
     every = np.arange(reference.num_envs)
     sim = Simulation(task.robot_config, len(every), task.physics_dt, task.track.boxes, 0)
-    sim.batch.state[:] = reference.sim.batch.state
+    sim.mj.state[:] = reference.sim.mj.state
     sim.set_terrain(every, reference.terrain)
     nominal = np.array(task.robot_config.nominal_joints)
     targets = nominal + task.action.scale * np.clip(recording.actions, -1.0, 1.0)
@@ -110,11 +110,11 @@ def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Cal
             targets, recording.resets, recording.laid, strict=True
         ):
             sim.ctrl[:, sim.actuators] = target
-            sim.batch.step(None, task.substeps)
+            sim.mj.step(None, task.substeps)
             for changed, ground in ((moved, track), (rows, boxes)):
                 if len(changed):
                     sim.set_terrain(changed, ground)
-            sim.batch.state[rows] = states
+            sim.mj.state[rows] = states
 
     return sim, replay
 

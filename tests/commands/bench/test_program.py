@@ -32,7 +32,7 @@ def test_the_bare_replay_is_the_same_physics_bit_for_bit(name: str) -> None:
         env.step(action)
     sim, replay = bench_sim.bare_replay(task, recording)
     replay()
-    np.testing.assert_array_equal(sim.batch.state, env.batch.sim.batch.state)
+    np.testing.assert_array_equal(sim.mj.state, env.batch.sim.mj.state)
 
 
 def test_shares_of_a_step_are_parts_of_a_whole() -> None:
@@ -82,19 +82,19 @@ def test_a_replay_at_the_task_s_own_step_ends_where_the_run_did() -> None:
     sim = Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, 1)
     window = windows[0]
     sim.set_terrain(np.array([0]), window.terrain[None])
-    sim.batch.state[0] = window.state
-    sim.batch.bind("qacc_warmstart")[:] = 0.0
+    sim.mj.state[0] = window.state
+    sim.mj.bind("qacc_warmstart")[:] = 0.0
     for ctrl in window.ctrl:
         sim.ctrl[:] = ctrl
         sim.step(None, task.substeps)
-    (outcome,) = bench_physics.replay(task, [window], task.physics_dt)
+    (outcome,) = bench_physics.replay_windows(task, [window], task.physics_dt)
     np.testing.assert_allclose(outcome.base_pos, sim.qpos[0, :3], atol=1e-6)
 
 
 def test_half_the_step_strays_less_from_the_reference() -> None:
     task = load_task("parkour")
     windows = bench_physics.record_windows(task, None, num_envs=4)[:8]
-    reference, fine, coarse = (bench_physics.replay(task, windows, dt) for dt in (0.0005, 0.001, 0.005))
+    reference, fine, coarse = (bench_physics.replay_windows(task, windows, dt) for dt in (0.0005, 0.001, 0.005))
 
     def error(outcomes: list[bench_physics.Outcome]) -> float:
         return np.median([np.linalg.norm(a.base_pos - b.base_pos) for a, b in zip(outcomes, reference, strict=True)])
