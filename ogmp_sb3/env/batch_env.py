@@ -9,25 +9,21 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.load import check_ranges
-from ogmp_sb3.config.messages import Where, did_you_mean
-from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import snapshots
 from ogmp_sb3.env.disturbances import Disturbances
+from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.env.view import EnvView, deviation, srb_state
-from ogmp_sb3.guidance.course import Course
-from ogmp_sb3.guidance.plans import Plans
-from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, draw_parameters, mode_calls, plain_modes
+from ogmp_sb3.guidance.guide import Guide
+from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, mode_calls, plain_modes
 from ogmp_sb3.guidance.srb import VEL
 from ogmp_sb3.guidance.terrain import height_at
 
 STATE_ARRAYS = ("step_count", "level", "_ended", "restarted")
 MAX_ENVS = 100_000  # more is a slip of the pen
-RUNNING, UNSTABLE, BOUND, LOW_REWARD, TIME_LIMIT = "", "unstable", "bound", "low_reward", "time_limit"
 
 
 @dataclass(frozen=True)
@@ -72,8 +68,7 @@ class BatchEnv:
             raise ValueError(f"'num_envs' must be at least 1 and at most {MAX_ENVS:,}, found {num_envs}.")
         self.task, self.num_envs = task, num_envs
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
-        self.course = Course(task, num_envs)
-        self.plans: Plans = Plans(task, num_envs, self.course.most_steps)
+        self.guide = Guide(task, num_envs)
         self._observations = _bind(registry.observations, task.observations)
         self._rewards = _bind(registry.rewards, task.rewards)
         self._terminations = _bind(registry.terminations, task.terminations)
@@ -82,6 +77,7 @@ class BatchEnv:
         self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
 
         self.step_count = np.zeros(num_envs, dtype=int)
+        self._every = np.arange(num_envs)
         self._first_level = 1.0 if task.curriculum is None else 0.0
         self.level = np.full(num_envs, self._first_level)
         self._rng = [np.random.default_rng() for _ in range(num_envs)]
@@ -103,12 +99,12 @@ class BatchEnv:
     @property
     def terrain(self) -> np.ndarray:
         """Terrain boxes, shape (num_envs, boxes, 5)."""
-        return self.course.terrain
+        return self.guide.terrain
 
     @property
     def modes(self) -> list[list[ModeCall]]:
         """The modes of each environment's variant so far."""
-        return self.course.modes
+        return self.guide.modes
 
     @property
     def action_size(self) -> int:
@@ -127,7 +123,7 @@ class BatchEnv:
         self._rng[row] = np.random.default_rng(seed)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
-        self.course.commands[row].clear()
+        self.guide.forget_commands(row)
         self._ended[row] = False
         self.level[row] = self._first_level
 
@@ -143,14 +139,7 @@ class BatchEnv:
         :raises TypeError: for a value of the wrong type
         :raises ValueError: for a value below 0, or a timed mode that lasts too long
         """
-        ranges, where = self.task.mode_ranges, Where("command", mode)
-        if mode not in ranges:
-            raise KeyError(f"the task has no mode '{mode}'{did_you_mean(mode, ranges)}")
-        registry.modes.check(mode, {**ranges[mode], **parameters})
-        given = {key: Range.from_data(value, where / key) for key, value in parameters.items()}
-        check_ranges({mode: given}, Where("command"), complete=False)
-        drawn = draw_parameters(ranges[mode], self._rng[row])
-        self.course.command(row, ModeCall(mode, {**drawn, **parameters}))
+        self.guide.command(row, mode, parameters, self._rng[row])
 
     def reset(self, rows: np.ndarray | None = None) -> np.ndarray:
         """Begin new episodes.
@@ -175,12 +164,12 @@ class BatchEnv:
             return
         base = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
-            ground = self.course.begin(row, self._rng[row], float(self.level[row]))
+            ground = self.guide.begin(row, self._rng[row], float(self.level[row]))
             base[i, 2] = ground + self.task.robot_config.nominal_height
         self.sim.vary(rows, **self.disturbances.begin(rows))
         self.sim.set_terrain(rows, self.terrain[rows])
         self.sim.place(rows, base, self._nominal)
-        self._query(rows)
+        self.guide.query(rows, self._states(rows))
 
     def _go_back(self, moments: dict[int, tuple[np.ndarray, PlainModes]]) -> None:
         """Put environments back to moments that were remembered."""
@@ -189,12 +178,12 @@ class BatchEnv:
         self.sim.place(rows, np.zeros((len(rows), 3)), self._nominal)
         snapshots.unpack(self._moment_arrays(), rows, np.stack([vector for vector, _ in moments.values()]))
         for row, (_, modes) in moments.items():
-            self.course.modes[row] = mode_calls(modes)
+            self.modes[row] = mode_calls(modes)
         self.sim.set_terrain(rows, self.terrain[rows])
 
     def _moment_arrays(self) -> list[np.ndarray]:
         """What an environment is put back to."""
-        return [*self.plans.arrays().values(), *self.course.arrays().values(), self.sim.mj.state]
+        return [*self.guide.arrays().values(), self.sim.mj.state]
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -209,34 +198,30 @@ class BatchEnv:
             raise ValueError(f"actions must be of shape {shape}, found {np.shape(actions)}.")
         targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
         self._advance(targets, rows)
-        self.plans.advance()
+        self.guide.advance()
         self.step_count += 1
 
         view = self.view()
         reward_terms = {name: term(view) for name, term in self._rewards.items()}
         reward = np.sum(list(reward_terms.values()), axis=0) if reward_terms else np.zeros(self.num_envs)
-        termination = self._end(view, reward)
+        unstable = self.sim.unstable()
+        termination = ending(task, self._terminations, view, reward, unstable, self.step_count, self.restarted)
         self._ended = termination != RUNNING
         terminated = (termination != RUNNING) & (termination != TIME_LIMIT)
-        exploded = termination == UNSTABLE
-        if exploded.any():
-            reward = np.where(exploded, 0.0, reward)
-            reward_terms = {name: np.where(exploded, 0.0, value) for name, value in reward_terms.items()}
-            view = replace(view, deviation=np.where(exploded, 0.0, view.deviation))
+        if unstable.any():
+            reward = np.where(unstable, 0.0, reward)
+            reward_terms = {name: np.where(unstable, 0.0, value) for name, value in reward_terms.items()}
+            view = replace(view, deviation=np.where(unstable, 0.0, view.deviation))
 
-        alive = np.flatnonzero(~terminated)
-        self._lay_ahead(alive)
-        due = self.plans.due(alive)
-        if len(due):
-            if self.course.timed:
-                for row in due:
-                    self.course.extend(row, 0.0, self._rng[row], float(self.level[row]))
-            self._query(due)
-        self._remember(terminated & ~exploded)
-        plans = self.plans
-        seen = replace(view, phase=plans.phase, period=plans.period, latent=plans.latent, terrain=self.terrain)
+        x = self.sim.qpos[:, self.sim.base_qpos]
+        changed = self.guide.follow(np.flatnonzero(~terminated), x, self._states, self._rng, self.level)
+        if len(changed):
+            self.sim.set_terrain(changed, self.terrain[changed])
+        self._remember(terminated & ~unstable)
+        plans = self.guide.plans
+        ahead = replace(view, phase=plans.phase, period=plans.period, latent=plans.latent, terrain=self.terrain)
         return StepResult(
-            observation=self._observe(seen),
+            observation=self._observe(ahead),
             reward=reward,
             terminated=terminated,
             truncated=termination == TIME_LIMIT,
@@ -247,20 +232,17 @@ class BatchEnv:
 
     def plan(self, row: int) -> np.ndarray:
         """The oracle's present reference of an environment, from the query on, shape (knots + 1, 12)."""
-        return self.plans.reference[row, : self.plans.period[row] + 1].copy()
+        return self.guide.plan(row)
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """All that the next steps depend on but commands: arrays, and plain data (generators, modes drawn so far)."""
-        arrays = snapshots.take(self._own_arrays())
-        for name, part in self._parts().items():
-            arrays |= snapshots.take(part.arrays(), name)
-        plain: dict[str, Any] = {
-            "generators": [generator.bit_generator.state for generator in self._rng],
-            "modes": [plain_modes(calls) for calls in self.modes],
-        }
-        for drawn in (self.disturbances, self.restarts):
-            own_arrays, own_plain = drawn.state()
-            arrays, plain = arrays | own_arrays, plain | own_plain
+        arrays, plain = (
+            snapshots.take(self._own_arrays()),
+            {"generators": [rng.bit_generator.state for rng in self._rng]},
+        )
+        for prefix, part in self._parts().items():
+            arrays |= snapshots.take(part.arrays(), prefix)
+            plain |= part.plain()
         return arrays, plain
 
     def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
@@ -268,22 +250,19 @@ class BatchEnv:
 
         :raises ValueError: if the state is of another task or number of environments
         """
-        for name, part in self._parts().items():
-            snapshots.put_back(part.arrays(), arrays, name)
-        self.course.modes = [mode_calls(calls) for calls in plain["modes"]]
-        self.disturbances.set_state(arrays, plain)
-        self.restarts.set_state(arrays, plain)
-        every = np.arange(self.num_envs)
-        self.sim.vary(every, **self.disturbances.robots(every))
-        self.sim.place(every, np.zeros((self.num_envs, 3)), self._nominal)
-        self.sim.set_terrain(every, self.terrain)
+        for prefix, part in self._parts().items():
+            snapshots.put_back(part.arrays(), arrays, prefix)
+            part.set_plain(plain)
+        self.sim.vary(self._every, **self.disturbances.robots(self._every))
+        self.sim.place(self._every, np.zeros((self.num_envs, 3)), self._nominal)
+        self.sim.set_terrain(self._every, self.terrain)
         snapshots.put_back(self._own_arrays(), arrays)
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
 
-    def _parts(self) -> dict[str, Course | Plans]:
-        """What lives in arrays, by the prefix of their names in a saved state."""
-        return {"course.": self.course, "plans.": self.plans}
+    def _parts(self) -> dict[str, snapshots.Part]:
+        """What has a state of its own, by the prefix of its arrays in a saved state."""
+        return {"": self.guide, "disturbances.": self.disturbances, "restarts.": self.restarts}
 
     def _own_arrays(self) -> dict[str, np.ndarray]:
         return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.mj.state}
@@ -292,17 +271,13 @@ class BatchEnv:
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:
         """The present state of some environments, by default all."""
-        sim = self.sim
-        every = np.arange(self.num_envs) if rows is None else rows
+        sim, rows = self.sim, self._every if rows is None else rows
         p, v = sim.base_qpos, sim.base_qvel
-        qpos, qvel = sim.qpos[every], sim.qvel[every]
+        qpos, qvel = sim.qpos[rows], sim.qvel[rows]
         # np.take keeps rows contiguous, so that sums over a row do not depend on how many rows there are.
         joint_pos, joint_vel = qpos.take(sim.joint_qpos, axis=1), qvel.take(sim.joint_qvel, axis=1)
-        terrain, plans = self.terrain[every], self.plans
-        phase = plans.phase[every]
-        position = qpos[:, p : p + 3]
+        position, terrain, knots = qpos[:, p : p + 3], self.terrain[rows], self.guide.knots(rows)
         state, linvel_b = srb_state(qpos[:, p : p + 7], qvel[:, v : v + 6])
-        reference = plans.reference[every, phase]
         return EnvView(
             base_pos_w=position,
             base_quat=qpos[:, p + 3 : p + 7],
@@ -311,18 +286,23 @@ class BatchEnv:
             base_angvel_b=qvel[:, v + 3 : v + 6],
             joint_pos=joint_pos,
             joint_vel=joint_vel,
-            torque=sim.torque(every, joint_pos, joint_vel),
-            body_contact=sim.body_contact()[every],
+            torque=sim.torque(rows, joint_pos, joint_vel),
+            body_contact=sim.body_contact()[rows],
             terrain=terrain,
             ground_height=height_at(terrain, position[:, None, :2])[:, 0],
             state=state,
-            reference=reference,
-            reference_quat=plans.quat[every, phase],
-            deviation=deviation(state, reference, self._weights),
-            latent=plans.latent[every],
-            phase=phase,
-            period=plans.period[every],
+            reference=knots.reference,
+            reference_quat=knots.quat,
+            deviation=deviation(state, knots.reference, self._weights),
+            latent=knots.latent,
+            phase=knots.phase,
+            period=knots.period,
         )
+
+    def _states(self, rows: np.ndarray) -> np.ndarray:
+        """Single-rigid-body states of some robots, shape (n, 12)."""
+        p, v = self.sim.base_qpos, self.sim.base_qvel
+        return srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])[0]
 
     def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
         """Move the robots on by one control step.
@@ -333,25 +313,6 @@ class BatchEnv:
         self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
         self.sim.push(*self.disturbances.kicks(self.step_count, rows))
         self.sim.step(rows, self.task.substeps)
-
-    def _end(self, view: EnvView, reward: np.ndarray) -> np.ndarray:
-        """Which rule ends each episode; the first that holds counts."""
-        task = self.task
-        rules = [(UNSTABLE, self.sim.unstable())]
-        if task.rho is not None:
-            rules.append((BOUND, view.deviation > task.rho))
-        rules += [(name, term(view)) for name, term in self._terminations.items()]
-        if task.min_step_reward is not None:
-            rules.append((LOW_REWARD, reward < task.min_step_reward))
-        limit = np.full(self.num_envs, task.episode_steps)
-        if task.restarts is not None:
-            limit[self.restarted] = task.restarts.episode_steps
-        rules.append((TIME_LIMIT, self.step_count >= limit))
-        which = np.full(self.num_envs, len(rules))
-        for i, (_, mask) in reversed(list(enumerate(rules))):
-            which[mask] = i
-        ended: np.ndarray = np.array([*(name for name, _ in rules), RUNNING])[which]
-        return ended
 
     def _signals(self, view: EnvView, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Values and scales of the observation, as the sensors of some environments (by default all) give it."""
@@ -365,7 +326,7 @@ class BatchEnv:
     def _observe(self, view: EnvView, rows: np.ndarray | None = None) -> np.ndarray:
         value, scale = self._signals(view, rows)
         observation: np.ndarray = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
-        observation[~np.isfinite(observation)] = 0.0  # of a simulation that exploded
+        observation[~np.isfinite(observation)] = 0.0  # of a simulation that unstable
         return observation
 
     def _remember(self, fallen: np.ndarray) -> None:
@@ -380,21 +341,7 @@ class BatchEnv:
     def _update_levels(self, rows: np.ndarray) -> None:
         curriculum = self.task.curriculum
         if curriculum is not None:
-            # An episode that was broken off says nothing, nor does one that began before a fall.
-            said = rows[self._ended[rows] & ~self.restarted[rows]]
-            self.level[said] = curriculum.moved(self.level[said], self.step_count[said] / self.task.episode_steps)
-
-    def _lay_ahead(self, rows: np.ndarray) -> None:
-        """Recycle terrain boxes and spans so that the track goes on ahead of every robot."""
-        x = self.sim.qpos[:, self.sim.base_qpos]
-        short = self.course.short_of_track(rows, x[rows])
-        for row in short:
-            self.course.extend(row, float(x[row]), self._rng[row], float(self.level[row]))
-        if len(short):
-            self.sim.set_terrain(short, self.terrain[short])
-
-    def _query(self, rows: np.ndarray) -> None:
-        """Ask the oracle, from the robots' present states."""
-        p, v = self.sim.base_qpos, self.sim.base_qvel
-        states, _ = srb_state(self.sim.qpos[rows, p : p + 7], self.sim.qvel[rows, v : v + 6])
-        self.plans.query(rows, states, self.course)
+            # An episode that was broken off does not count, nor does one that began before a fall.
+            counted = rows[self._ended[rows] & ~self.restarted[rows]]
+            lasted = self.step_count[counted] / self.task.episode_steps
+            self.level[counted] = curriculum.moved(self.level[counted], lasted)

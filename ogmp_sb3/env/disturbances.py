@@ -7,13 +7,13 @@ What is drawn from what a task declares. Nothing here knows the simulator:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.variation import RandomisationConfig
-from ogmp_sb3.env import snapshots
 
 NOISY = ("proprioception",)  # observation terms that sensors measure
 NONE_DUE = (np.zeros(0, dtype=int), np.zeros((0, 2)))
@@ -114,16 +114,15 @@ class Disturbances:
         measured: np.ndarray = value + self._arrays["sensor_noise"][rows, None] * scale * noise
         return measured
 
-    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that was drawn, and the generators; empty if no disturbance is in use."""
-        arrays = snapshots.take(self._arrays, "disturbances.")
-        return arrays, {"disturbances": [rng.bit_generator.state for rng in self._rng]} if arrays else {}
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that was drawn; empty if no disturbance is in use."""
+        return self._arrays
 
-    def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
-        """Go on where :meth:`state` was taken.
+    def plain(self) -> dict[str, Any]:
+        """The generators, if any disturbance is in use."""
+        return {"disturbances": [rng.bit_generator.state for rng in self._rng]} if self._arrays else {}
 
-        :raises ValueError: if the state is of another task or number of environments
-        """
-        snapshots.put_back(self._arrays, arrays, "disturbances.")
+    def set_plain(self, plain: Mapping[str, Any]) -> None:
+        """Put back what :meth:`plain` gave."""
         for rng, state in zip(self._rng if self._arrays else (), plain.get("disturbances", ()), strict=True):
             rng.bit_generator.state = state

@@ -6,12 +6,12 @@ So an environment remembers the moments before its falls and begins some of its 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ogmp_sb3.config.variation import MOST_WAITING, REMEMBER_EVERY, RestartConfig
-from ogmp_sb3.env import snapshots
 
 
 class Restarts:
@@ -86,28 +86,27 @@ class Restarts:
         self._queue[row, :-1] = self._queue[row, 1:].copy()
         return moment, self._waiting[row].pop(0)
 
-    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that is remembered, and the generators; empty where nothing is."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The moments that are remembered and that wait; empty where nothing is remembered."""
         if self.config is None:
-            return {}, {}
+            return {}
+        return {"past": self._past, "past_modes": self._past_modes, "queue": self._queue}
+
+    def plain(self) -> dict[str, Any]:
+        """The generators, and the modes of the moments that wait."""
+        if self.config is None:
+            return {}
         generators = [rng.bit_generator.state for rng in self._rng]
-        return snapshots.take(self._arrays(), "restarts."), {"restarts": [generators, [list(w) for w in self._waiting]]}
+        return {"restarts": [generators, [list(modes) for modes in self._waiting]]}
 
-    def set_state(self, arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> None:
-        """Go on where :meth:`state` was taken.
-
-        :raises ValueError: if the state is of another task or number of environments
-        """
+    def set_plain(self, plain: Mapping[str, Any]) -> None:
+        """Put back what :meth:`plain` gave."""
         if self.config is None:
             return
-        snapshots.put_back(self._arrays(), arrays, "restarts.")
         generators, waiting = plain["restarts"]
         self._waiting = [list(modes) for modes in waiting]
         for rng, state in zip(self._rng, generators, strict=True):
             rng.bit_generator.state = state
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        return {"past": self._past, "past_modes": self._past_modes, "queue": self._queue}
 
     def _slot(self, steps: Any) -> Any:
         return steps // REMEMBER_EVERY % self._past.shape[1]

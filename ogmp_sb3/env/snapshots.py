@@ -3,8 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
+
+
+class Part(Protocol):
+    """A part of an environment with a state of its own: arrays, one row for each environment, and plain data."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays themselves: what is written into them is in force."""
+
+    def plain(self) -> dict[str, Any]:
+        """What is no array, as plain data, by its key in a saved state."""
+
+    def set_plain(self, plain: Mapping[str, Any]) -> None:
+        """Put back what :meth:`plain` gave."""
 
 
 def take(arrays: Mapping[str, np.ndarray], prefix: str = "") -> dict[str, np.ndarray]:

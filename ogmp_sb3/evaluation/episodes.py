@@ -11,7 +11,8 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Actor, Policy
-from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.endings import UNSTABLE
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.grid import cell_task
 from ogmp_sb3.evaluation.record import EpisodeRecord

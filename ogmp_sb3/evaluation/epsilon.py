@@ -16,7 +16,8 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Policy
-from ogmp_sb3.env.batch_env import TIME_LIMIT, BatchEnv, StepResult
+from ogmp_sb3.env.batch_env import BatchEnv, StepResult
+from ogmp_sb3.env.endings import TIME_LIMIT
 from ogmp_sb3.env.view import EnvView, deviation
 from ogmp_sb3.evaluation.episodes import BATCH, play_batch
 from ogmp_sb3.guidance.plans import Plans, make_oracle
@@ -55,15 +56,15 @@ class ShadowedEnv(BatchEnv):
         self.deviations: list[Deviations] = [{name: {} for name in task.oracle_params} for _ in range(num_envs)]
         """of each environment, one for each control step"""
         super().__init__(task, num_envs, seed)
-        self.plans = ShadowedPlans(task, num_envs, self.course.most_steps)
+        self.guide.plans = ShadowedPlans(task, num_envs, self.guide.course.most_steps)
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:
         view = super().view(rows)
-        if rows is None and isinstance(self.plans, ShadowedPlans):
+        if rows is None and isinstance(self.guide.plans, ShadowedPlans):
             every = np.arange(self.num_envs)
             self._now = {
                 name: deviation(view.state, states[every, view.phase], self._weights)
-                for name, states in self.plans.shadows.items()
+                for name, states in self.guide.plans.shadows.items()
             }
         return view
 
@@ -71,7 +72,7 @@ class ShadowedEnv(BatchEnv):
         """As in :class:`~ogmp_sb3.env.batch_env.BatchEnv`; deviations of what is stepped are collected."""
         x = self.sim.qpos[:, self.sim.base_qpos]
         every = range(self.num_envs) if rows is None else rows
-        modes = {row: self.course.mode_at(row, float(x[row])).name for row in every}
+        modes = {row: self.guide.mode_at(row, float(x[row])).name for row in every}
         result = super().step(actions, rows)
         for name, values in self._now.items():
             for row, mode in modes.items():

@@ -23,8 +23,8 @@ class OracleEnv(BatchEnv):
     """Robots that are wherever the oracle wants them, in their nominal pose: no physics."""
 
     def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
-        every, knot = np.arange(self.num_envs), self.plans.phase + 1
-        state, quat = self.plans.reference[every, knot], self.plans.quat[every, knot]
+        every, knot = np.arange(self.num_envs), self.guide.plans.phase + 1
+        state, quat = self.guide.plans.reference[every, knot], self.guide.plans.quat[every, knot]
         p, v = self.sim.base_qpos, self.sim.base_qvel
         self.sim.qpos[:, p : p + 3], self.sim.qpos[:, p + 3 : p + 7] = state[:, POS], quat
         self.sim.qvel[:, v : v + 3] = state[:, VEL]
@@ -100,7 +100,7 @@ class Player:
         :raises ValueError: for a timed mode that lasts too long
         """
         self.env.command(0, mode, **parameters)
-        if self.env.course.timed:
+        if self.env.guide.timed:
             self.reset()
 
     def push(self, velocity: tuple[float, float]) -> None:
@@ -121,7 +121,7 @@ class Player:
             trail=drawable.trail,
             terrain=drawable.terrain,
             reference=view.reference[0, POS],
-            mode=_described(env.course.mode_at(0, float(drawable.base[0]))),
+            mode=_described(env.guide.mode_at(0, float(drawable.base[0]))),
             time=float(env.step_count[0]) * self.task.control_dt,
             speed=float(np.linalg.norm(env.sim.qvel[0, v : v + 2])),
             reward=reward,

@@ -108,7 +108,7 @@ class Viewer:
             action()
         except ValueError as error:
             self._last_end = str(error)
-            self.player.env.course.commands[0].clear()
+            self.player.env.guide.forget_commands(0)
             self.player.reset()
 
     def show(self) -> None:
@@ -181,7 +181,7 @@ class Viewer:
             choice = gui.add_dropdown("Mode", tuple(modes))
             for mode, ranges in modes.items():
                 inputs[mode] = {key: _add_parameter(gui, key, range_) for key, range_ in ranges.items()}
-            hint = "begin anew with this mode" if self.player.env.course.timed else "after what lies ahead already"
+            hint = "begin anew with this mode" if self.player.env.guide.timed else "after what lies ahead already"
             button = gui.add_button("Next", hint=hint)
 
         def show_inputs(_: Any = None) -> None:

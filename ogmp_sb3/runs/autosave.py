@@ -97,7 +97,7 @@ class Checkpoints(BaseCallback):
         steps, score = model.num_timesteps, _score(model)
         self.tried_at = steps
         best, best_at = (score, steps) if score > self.best else (self.best, self.best_at)
-        statistics = {**self.statistics.state(), "best": best, "best_at": best_at}
+        statistics = {**self.statistics.plain(), "best": best, "best_at": best_at}
         statistics["unstable_episodes"] = self.unstable.count
         info = {**self.info, "num_timesteps": steps, "return": mean_return(model)}
         weights = self.average.weights if self.average else None
@@ -147,7 +147,7 @@ class Checkpoints(BaseCallback):
             check_numbers(counted["sums"], where / "sums")
         except TypeError as error:
             raise ValueError(str(error)) from None
-        self.statistics.set_state(counted)
+        self.statistics.set_plain(counted)
         self.best = entry(statistics, "best", Score, where)
         if self.average is not None:
             self.average.weights = policy_weights(checkpoint)

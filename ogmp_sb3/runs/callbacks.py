@@ -42,13 +42,13 @@ class EpisodeStatistics(BaseCallback):
         self.every = every
         self._forget()
 
-    def state(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, Any]:
         """What was counted since the last row, as plain data."""
         return {"sums": self.sums, "causes": self.causes, "restarts": self.restarts}
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Go on where :meth:`state` was taken."""
-        self.sums, self.causes, self.restarts = state["sums"], state["causes"], state["restarts"]
+    def set_plain(self, plain: dict[str, Any]) -> None:
+        """Put back what :meth:`plain` gave."""
+        self.sums, self.causes, self.restarts = plain["sums"], plain["causes"], plain["restarts"]
 
     def _forget(self) -> None:
         self.sums, self.causes = {}, {}

@@ -12,7 +12,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.batch_env import UNSTABLE, BatchEnv
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.endings import UNSTABLE
 from ogmp_sb3.env.failed_step import capture
 from ogmp_sb3.rendering.painter import Pictures
 from ogmp_sb3.sb3.gym_env import check_render_mode, loaded_task, render_metadata, spaces_of

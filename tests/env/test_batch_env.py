@@ -261,7 +261,7 @@ def test_the_latent_is_that_of_the_reference_and_changes_only_at_queries() -> No
         env.step(np.zeros((3, 10)))
         after = env.view().latent
         if step % 7 == 0:
-            np.testing.assert_allclose(after, encoder(env.plans.reference[:, :8], np.full(3, 7)))
+            np.testing.assert_allclose(after, encoder(env.guide.plans.reference[:, :8], np.full(3, 7)))
         else:
             np.testing.assert_array_equal(after, before)
     assert (env.view().latent != 0).any()
@@ -299,7 +299,7 @@ def test_commanded_modes_come_next_in_their_order_and_only_in_their_row() -> Non
         env.command(0, "jump", h="high")
     with pytest.raises(KeyError, match=r"'flip.r' has 'fron'.*Did you mean 'front'"):
         BatchEnv(load_task("dive"), 1).command(0, "flip", r="fron")
-    assert not env.course.commands[0]
+    assert not env.guide.course.commands[0]
 
 
 @pytest.mark.parametrize("shape", [(2, 1), (10,), (1, 10), (2, 11)])

@@ -295,7 +295,7 @@ def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tm
         speed = viewer.player.env.sim.qvel[0, 0]
         until(lambda: viewer.player.env.sim.qvel[0, 0] > speed + 0.4)
         browser.click("Next")
-        until(lambda: viewer.player.env.course.commands[0])
+        until(lambda: viewer.player.env.guide.course.commands[0])
         browser.click("Reset")
         until(lambda: viewer.player.frame.time == 0.0)
     finally:

@@ -48,7 +48,7 @@ def only(mode: str, **parameters: float) -> dict[str, Any]:
 
 
 def asked_every_step(env: BatchEnv, results: list[StepResult]) -> None:
-    assert (env.plans.period == 1).all()
+    assert (env.guide.plans.period == 1).all()
     assert all((result.view.phase == 1).all() for result in results)
 
 

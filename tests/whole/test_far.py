@@ -65,9 +65,10 @@ def test_what_is_seen_and_planned_far_out_is_what_is_seen_and_planned_at_the_sta
     )
     rows = np.arange(8)
     for env in (near, far):
-        env._query(rows)
-    np.testing.assert_allclose(far.plans.reference - x, near.plans.reference, atol=EXACT)
-    np.testing.assert_allclose(far.plans.latent, near.plans.latent, atol=1e-5)  # the encoder computes in float32
+        env.guide.query(rows, env._states(rows))
+    np.testing.assert_allclose(far.guide.plans.reference - x, near.guide.plans.reference, atol=EXACT)
+    # The encoder computes in float32.
+    np.testing.assert_allclose(far.guide.plans.latent, near.guide.plans.latent, atol=1e-5)
 
 
 def test_physics_reward_and_observation_far_out_are_those_at_the_start() -> None:

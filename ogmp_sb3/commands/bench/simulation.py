@@ -137,7 +137,7 @@ def _shares(task: TaskConfig, recording: Recording) -> Numbers:
 
     batch: Any = env.batch
     batch.sim.step = timed("physics", batch.sim.step)
-    batch._query = timed("oracle", batch._query)
+    batch.guide.query = timed("oracle", batch.guide.query)
     batch._observe = timed("observation", batch._observe)
     batch.reset = timed("reset", batch.reset)
     for name, term in batch._rewards.items():
