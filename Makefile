@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip
 SOURCES := setup.cfg pyproject.toml constraints.txt
 
-.PHONY: help train test coverage integrations lint types audit docs clean
+.PHONY: help train test coverage integrations lint types audit docs map clean
 .DELETE_ON_ERROR:
 
 help:
@@ -25,6 +25,7 @@ help:
 	@echo "make types   check the types with mypy"
 	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
 	@echo "make docs    build the documentation into docs/_build/html"
+	@echo "make map     draw the packages and their imports into docs/images/map.svg"
 	@echo "make clean   remove the virtual environment and everything built"
 
 train: $(VENV)/.installed
@@ -41,7 +42,7 @@ coverage: $(VENV)/.installed-dev
 # Apart from the other tests, as Ray's launcher and the RL Zoo need other packages than the rest; two jobs are trained
 # through a local Ray, and one by the Zoo's own command.
 integrations: $(VENV)/integrations/.installed
-	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/test_launchers.py tests/test_sb3.py -k "ray or zoo" $(ARGS)
+	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/whole/test_launchers.py tests/whole/test_sb3.py -k "ray or zoo" $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -56,6 +57,10 @@ audit: $(VENV)/.installed-dev $(VENV)/audit/.installed
 
 docs: $(VENV)/.installed-dev
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+# The picture of CONTRIBUTING.md; a test says when it is out of date.
+map: $(VENV)/.installed-dev
+	$(BIN)/python docs/map.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info docs/_build

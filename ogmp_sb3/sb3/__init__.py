@@ -1,1 +1,1 @@
-"""The plug-in proper: vectorised and single environment, policy and learner for Stable-Baselines3."""
+"""The plug-in proper: environments, policy and learner for Stable-Baselines3."""

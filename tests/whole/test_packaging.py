@@ -24,6 +24,8 @@ ORDER = ("config", "guidance", "env", "rendering", "sb3", "runs", "evaluation", 
 
 NEED_EXTRAS = {"commands.export.onnx_graphs", "commands.export.controller"}  # of no use without
 
+UNDOCUMENTED = {"policy"}  # an alias
+
 SOLE_IMPORTERS = {
     "control": {"guidance.riccati"},
     "matplotlib": {"report.plots"},
@@ -148,6 +150,21 @@ def test_a_package_is_a_docstring_and_what_it_imports_costs_nothing() -> None:
 def test_imports_have_no_cycle() -> None:
     graph = {module: imported_modules(IMPORTED[module]) for module in MODULES}
     graphlib.TopologicalSorter(graph).prepare()
+
+
+def test_the_picture_of_the_packages_is_up_to_date() -> None:
+    picture = (ROOT / "docs" / "images" / "map.svg").read_text(encoding="utf-8")
+    places = [picture.index(f">{name}/<") for name in ORDER]
+    assert places == sorted(places)
+    for module in (module for module in MODULES if package(module) in ORDER):
+        assert re.search(rf"\b{re.escape(module.partition('.')[2])}\b", picture), f"{module}: run make map"
+
+
+def test_every_module_has_a_section_in_the_documentation() -> None:
+    pages = (ROOT / "docs" / "api.rst").read_text(encoding="utf-8")
+    modules = {module for module in MODULES if SOURCES[module].name != "__init__.py"} - UNDOCUMENTED
+    missing = [module for module in sorted(modules) if f".. automodule:: ogmp_sb3.{module}\n" not in pages]
+    assert not missing, f"{', '.join(missing)}: add a section to docs/api.rst"
 
 
 def test_package_itself_imports_no_program() -> None:
