@@ -79,6 +79,9 @@ def test_the_viewer_says_where_it_listens_and_stops_on_ctrl_c() -> None:
         with urllib.request.urlopen(url) as page:
             assert page.status == 200
         viewer.send_signal(signal.SIGINT)
-        # To a shell both are 130; Python chooses the second if a module was just being imported.
-        assert viewer.wait(30) in (130, -signal.SIGINT)
+        try:
+            # To a shell both are 130; Python chooses the second if a module was just being imported.
+            assert viewer.wait(30) in (130, -signal.SIGINT)
+        finally:
+            viewer.kill()  # leaving the block waits for it
         assert "Traceback" not in viewer.stderr.read()

@@ -23,6 +23,7 @@ from jsonschema import Draft202012Validator
 
 import ogmp_sb3
 from helpers.paths import ROOT
+from helpers.programs import script
 from ogmp_sb3.config import plugins, registry
 from ogmp_sb3.config.catalogue import task_names, task_path
 from ogmp_sb3.config.editor_schema import task_schema
@@ -335,9 +336,12 @@ def test_the_schema_for_editors_knows_what_the_example_brings(pup: RobotConfig) 
 
 
 COMMANDS = """
+import importlib
+import json
 import sys
 import ogmp_sb3
 assert "ogmp_pup" not in sys.modules
+modules = json.loads(sys.argv[1])
 small = "num_envs=8 ppo.n_steps=16 ppo.batch_size=64 torch_threads=1 physics_threads=1 hydra.run.dir=run".split()
 for program, arguments in (
     ("check", ["task=hurdles"]),
@@ -347,14 +351,15 @@ for program, arguments in (
     ("export", ["run=run", "out=exported"]),
 ):
     sys.argv = [program, *arguments]
-    __import__(f"ogmp_sb3.{program}", fromlist=["main"]).main()
+    importlib.import_module(modules[program]).main()
 """
 
 
 def test_every_command_finds_the_installed_example(target: Path, tmp_path: Path) -> None:
+    modules = {name: script(f"ogmp-{name}") for name in ("check", "train", "eval", "encode", "export")}
     path = os.pathsep.join([str(target), str(Path(ogmp_sb3.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [sys.executable, "-c", COMMANDS],
+        [sys.executable, "-c", COMMANDS, json.dumps(modules)],
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

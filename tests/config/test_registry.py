@@ -1,5 +1,7 @@
 """Tests of the registry: names, signatures as schemas, and messages that say what is allowed."""
 
+import re
+
 import pytest
 
 from helpers.paths import ROOT
@@ -68,7 +70,9 @@ def test_a_name_cannot_be_registered_twice(terms: Registry) -> None:
     def step(view: object) -> None: ...
 
     step.__module__ = "elsewhere"
-    with pytest.raises(NameTaken, match=r"^term 'gap' of elsewhere is registered already, by test_registry\.$"):
+    with pytest.raises(
+        NameTaken, match=rf"^term 'gap' of elsewhere is registered already, by {re.escape(__name__)}\.$"
+    ):
         terms.register("gap")(step)
     assert terms.get("gap")(None, 2.0) == 1.0
 

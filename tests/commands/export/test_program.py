@@ -15,7 +15,7 @@ import pytest
 
 from helpers.learners import make_policy
 from helpers.programs import program
-from ogmp_sb3.commands.export import program as export
+from ogmp_sb3.commands.export import bundle
 from ogmp_sb3.commands.export.controller import Controller
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP
@@ -61,7 +61,7 @@ def exported(policies, tmp_path_factory) -> Callable[[str], tuple[LoadedPolicy, 
         loaded = load_policy(policies[name])
         env = BatchEnv(loaded.task.for_evaluation(), threads=1)
         if not (folder / name).exists():
-            export.export(loaded, env, folder / name)
+            bundle.export(loaded, env, folder / name)
         return loaded, env, folder / name
 
     return get
@@ -89,8 +89,8 @@ def test_actions_are_those_of_pytorch_over_1000_random_observations(name: str, e
 @pytest.mark.parametrize("name", ["parkour", "dive"])
 def test_actions_are_those_of_pytorch_over_1000_steps_of_episodes(name: str, exported) -> None:
     loaded, env, out = exported(name)
-    difference, seconds = export.parity(loaded, env, Controller(out))
-    assert 0.0 < difference < export.TOLERANCE
+    difference, seconds = bundle.parity(loaded, env, Controller(out))
+    assert 0.0 < difference < bundle.TOLERANCE
     assert (seconds > 0).all()
 
 
@@ -102,13 +102,13 @@ def test_parity_sees_a_state_that_is_not_carried_along(exported, monkeypatch) ->
             self.reset()
             return super().act(observation)
 
-    assert export.parity(loaded, env, Forgetful(out))[0] > 1e-3
+    assert bundle.parity(loaded, env, Forgetful(out))[0] > 1e-3
 
 
 @pytest.mark.parametrize("name", ["parkour", "dive"])
 def test_latents_are_those_of_the_environment(name: str, exported) -> None:
     loaded, _, out = exported(name)
-    assert export.encoder_parity(loaded, out / "encoder.onnx") < export.TOLERANCE
+    assert bundle.encoder_parity(loaded, out / "encoder.onnx") < bundle.TOLERANCE
 
 
 def test_a_policy_without_latent_needs_no_encoder(exported) -> None:
@@ -166,7 +166,7 @@ def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
 def test_a_servo_without_a_limit_has_none(exported) -> None:
     loaded, env, _ = exported("blind")
     env.sim.model.actuator_forcelimited[env.sim.actuators[0]] = 0
-    limits = export.description(loaded, env)["gains"]["torque_limit"]
+    limits = bundle.description(loaded, env)["gains"]["torque_limit"]
     assert limits[0] is None and None not in limits[1:]
 
 
@@ -247,7 +247,7 @@ def test_a_model_of_another_policy_does_not_stay(policies, tmp_path: Path) -> No
 
 
 def test_a_model_that_strays_from_pytorch_is_reported(policies, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(export, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(bundle, "TOLERANCE", 1e-12)
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "policy.onnx").write_bytes(b"an earlier one")
     done = program("export", f"run={policies['blind']}", "out=there", cwd=tmp_path)
