@@ -1,4 +1,4 @@
-"""Who acts in a batch of environments: a policy, by Stable-Baselines3's ``predict``, and its memory between steps."""
+"""The agent in a batch of environments: a policy, by Stable-Baselines3's ``predict``, and its memory."""
 
 from __future__ import annotations
 

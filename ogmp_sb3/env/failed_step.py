@@ -1,4 +1,4 @@
-"""Control steps in which a simulation failed: kept as they began, and stepped once more to see why.
+"""Control steps in which a simulation failed: captured as they began, and replayed to see why.
 
 A file holds arrays and plain data as safetensors: the state before the step, the action, the terrain, the robot as it
 was varied, the task, and where all this comes from. Physics are deterministic, so the step fails again.
@@ -84,13 +84,13 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     """
     sim = Simulation(task.robot_config, 1, task.physics_dt, task.track.boxes, threads=1)
     row, joints = np.array([0]), task.robot_config.joints
-    for name, found, shape in (
+    for name, array, shape in (
         ("state", step.state, sim.mj.state[0].shape),
         ("terrain", step.terrain, (task.track.boxes, 5)),
         ("action", step.action, (len(joints),)),
     ):
-        if found.shape != shape:
-            raise ValueError(f"'{name}' has the shape {found.shape}; the task's robot and track need {shape}.")
+        if array.shape != shape:
+            raise ValueError(f"'{name}' has the shape {array.shape}; the task's robot and track need {shape}.")
     sim.vary(row, **{name: np.array([value]) for name, value in step.varied.items()})
     sim.set_terrain(row, step.terrain[None])
     sim.place(row, np.zeros((1, 3)), np.array(task.robot_config.nominal_joints))
@@ -109,10 +109,10 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
 
 def _reasons(sim: Simulation) -> list[str]:
     """What is wrong, in words, with the joint it is about."""
-    said = []
+    reasons = []
     for kind, index in sim.complaints(0):
         about = ""
         if kind in ("mjWARN_BADQVEL", "mjWARN_BADQACC"):
             about = f" ({sim.model.joint(int(sim.model.dof_jntid[index])).name or 'base'})"
-        said.append(f"{REASONS.get(kind, kind)}{about}")
-    return said or ["the state is not finite"]
+        reasons.append(f"{REASONS.get(kind, kind)}{about}")
+    return reasons or ["the state is not finite"]

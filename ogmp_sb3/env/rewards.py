@@ -47,7 +47,7 @@ def highest_reward(terms: Terms) -> float | None:
     :param terms: reward terms in use with their parameters, as in a task file
     :return: None if a term has no ``weight``, so that its bound is not known
     """
-    given = [parameters for parameters in terms.values() if parameters is not None]
-    if not all("weight" in parameters for parameters in given):
+    in_use = [parameters for parameters in terms.values() if parameters is not None]
+    if not all("weight" in parameters for parameters in in_use):
         return None
-    return float(sum(max(parameters["weight"], 0.0) for parameters in given))
+    return float(sum(max(parameters["weight"], 0.0) for parameters in in_use))

@@ -1,4 +1,4 @@
-"""A robot's MJCF as a compiled model with terrain boxes, and what must hold of it."""
+"""Compile a robot's MJCF with terrain boxes, and check that it holds what robot.yaml names."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def _check_names(model: mujoco.MjModel, robot: RobotConfig) -> None:
     bodies = [model.body(i).name for i in range(model.nbody)]
     joints = [model.joint(i).name for i in range(model.njnt)]
     actuators = [model.actuator(i).name for i in range(model.nu)]
-    for kind, wanted, found in (
+    for kind, wanted, names in (
         ("body", (robot.base, *robot.feet), bodies),
         ("joint", robot.joints, joints),
         ("actuator", robot.joints, actuators),
     ):
         for name in wanted:
-            if name not in found:
-                raise ValueError(f"{robot.mjcf_path}: no {kind} '{name}'{did_you_mean(name, found)}")
+            if name not in names:
+                raise ValueError(f"{robot.mjcf_path}: no {kind} '{name}'{did_you_mean(name, names)}")
     if len(robot.joints) != model.nu:
         raise ValueError(f"{robot.mjcf_path}: {model.nu} actuators, but robot.yaml names {len(robot.joints)} joints.")
 

@@ -10,8 +10,8 @@ from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.guidance.terrain import geom_boxes
 
-# Simulations that fail are counted, said and kept by us; MuJoCo would print each and litter the user's directory with
-# MUJOCO_LOG.TXT.
+# We count, report and keep simulations that fail; MuJoCo would print each and leave MUJOCO_LOG.TXT in the user's
+# directory.
 _QUIET = mujoco.MjLogConfig()
 _QUIET.logto_console = _QUIET.logto_file = False
 
@@ -147,14 +147,14 @@ class Simulation:
         :param substeps: physics steps
         """
         np.copyto(self.before, self.mj.state)
-        given = mujoco.MjLogConfig.get()
+        logging = mujoco.MjLogConfig.get()
         _QUIET.set()
         try:
             self.mj.step(rows, substeps)
         except SimulationError as error:
             self._failed[error.ids] = True
         finally:
-            given.set()
+            logging.set()
 
     def torque(self, rows: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """PD torque before the limits, shape (n, joints), N m.
@@ -177,14 +177,16 @@ class Simulation:
         :return: shape (num_envs,), bool
         """
         finite = np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1)
-        found: np.ndarray = ~finite | self._failed | (self._warning_counts() != self._warnings_seen)
-        return found
+        unstable: np.ndarray = ~finite | self._failed | (self._warning_counts() != self._warnings_seen)
+        return unstable
 
     def complaints(self, row: int) -> list[tuple[str, int]]:
         """What MuJoCo warned of in a simulation since it was placed: the kind, and the index it is about."""
-        found = np.asarray(self.mj.warning)[row]  # (kinds, 2): index, count
+        warnings = np.asarray(self.mj.warning)[row]  # (kinds, 2): index, count
         error = [(self.mj.error(row), 0)] if self._failed[row] else []
-        return error + [(mujoco.mjtWarning(kind).name, int(found[kind, 0])) for kind in np.flatnonzero(found[:, 1])]
+        return error + [
+            (mujoco.mjtWarning(kind).name, int(warnings[kind, 0])) for kind in np.flatnonzero(warnings[:, 1])
+        ]
 
     def _warning_counts(self) -> np.ndarray:
         counts: np.ndarray = np.asarray(self.mj.warning).reshape(len(self.qpos), -1).sum(axis=1)

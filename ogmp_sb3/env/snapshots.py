@@ -1,4 +1,4 @@
-"""Copies of the arrays that something lives in, and the way back."""
+"""Copy the arrays that a state lives in, and restore them."""
 
 from __future__ import annotations
 

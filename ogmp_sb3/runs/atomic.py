@@ -1,4 +1,4 @@
-"""Files and directories that are whole or not there, whatever moment a process is killed at.
+"""Atomic writes of files and directories, and a lock: whole or absent, whatever moment a process is killed at.
 
 A process can be killed between any two of its calls. So a file or directory is written under a name that nobody reads
 and then renamed; a directory that is to go is renamed first; and :func:`tidy` puts right what a kill has left.
@@ -87,7 +87,7 @@ def tidy(parent: Path, pattern: str = "*") -> None:
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Be the only process that writes in a directory; a lock goes with its process, however that ends.
 
     :raises ValueError: if another process is there, or nothing can be written there
@@ -117,7 +117,7 @@ def _lock(descriptor: int, folder: Path) -> None:
 
 
 def occupied(folder: Path) -> bool:
-    """Whether a process is :func:`alone` in a directory."""
+    """Whether a process is :func:`locked` a directory."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:

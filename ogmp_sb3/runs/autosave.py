@@ -1,4 +1,4 @@
-"""When a training saves itself, and what of it is kept: checkpoints, the best policy, and nothing half done."""
+"""Save a training as it goes: checkpoints at intervals and on request, and the best policy."""
 
 from __future__ import annotations
 
@@ -151,8 +151,8 @@ class Checkpoints(BaseCallback):
         self.best = entry(statistics, "best", Score, where)
         if self.average is not None:
             self.average.weights = policy_weights(checkpoint)
-        given = {"unstable_episodes": 0, "best_at": 0, **statistics}  # older checkpoints have neither
-        self.unstable.count, self.best_at = (entry(given, key, int, where) for key in ("unstable_episodes", "best_at"))
+        counts = {"unstable_episodes": 0, "best_at": 0, **statistics}  # older checkpoints have neither
+        self.unstable.count, self.best_at = (entry(counts, key, int, where) for key in ("unstable_episodes", "best_at"))
         self.kept_at = int(checkpoint.name)
         for folder in checkpoint_dirs(self.run_dir):
             if folder.name > checkpoint.name:

@@ -1,4 +1,4 @@
-"""All that the next update of a learner depends on beside its weights, as tensors and plain data."""
+"""Save and restore a learner between updates, as tensors and plain data; its weights apart."""
 
 from __future__ import annotations
 

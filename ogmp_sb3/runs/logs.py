@@ -75,7 +75,7 @@ class CsvWriter(KVWriter):
 
     def close(self) -> None:
         if not self._whole:
-            with contextlib.suppress(OSError):  # said already
+            with contextlib.suppress(OSError):  # warned of already
                 self._rewrite()
 
     def _append(self, row: dict[str, Any]) -> None:

@@ -189,8 +189,8 @@ def run_config(run_dir: Path) -> dict[str, Any]:
 
 def checkpoint_dirs(run_dir: Path) -> list[Path]:
     """All checkpoints of a run, oldest first."""
-    found = (run_dir / CHECKPOINTS).glob("[0-9]*")
-    return sorted(p for p in found if p.name.isdecimal() and (p / INFO).is_file())
+    folders = (run_dir / CHECKPOINTS).glob("[0-9]*")
+    return sorted(p for p in folders if p.name.isdecimal() and (p / INFO).is_file())
 
 
 def checkpoint_info(folder: Path) -> dict[str, Any]:

@@ -61,11 +61,11 @@ def thread_count(setting: str | int) -> int:
 
 def versions() -> dict[str, str]:
     """What a run's numbers depend on."""
-    found = {}
+    installed = {}
     for name in RECORDED:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    found |= {plugin.distribution: plugin.version for plugin in loaded_plugins()}
-    return {"python": platform.python_version(), "machine": platform.machine(), **found}
+    installed |= {plugin.distribution: plugin.version for plugin in loaded_plugins()}
+    return {"python": platform.python_version(), "machine": platform.machine(), **installed}

@@ -1,4 +1,4 @@
-"""What policies and trainings are stored as: tensors and JSON, nothing that can run code, and their checksums."""
+"""Tensors and JSON on disk, nothing that can run code, and their checksums."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def load_tensors(path: Path) -> dict[str, th.Tensor]:
 def check_shapes(expected: Mapping[str, tuple[int, ...]], tensors: Mapping[str, th.Tensor]) -> None:
     """:raises ValueError: naming the first tensor that is missing or has another shape."""
     for name, shape in expected.items():
-        found = tuple(tensors[name].shape) if name in tensors else None
-        if found != shape:
-            raise ValueError(f"'{name}' has the shape {found}, expected {shape}")
+        actual = tuple(tensors[name].shape) if name in tensors else None
+        if actual != shape:
+            raise ValueError(f"'{name}' has the shape {actual}, expected {shape}")
 
 
 def save_json(path: Path, data: dict[str, Any]) -> None:

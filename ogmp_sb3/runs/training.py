@@ -6,19 +6,20 @@ import gc
 import math
 import shlex
 import signal
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch as th
-from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.latent import changed_file, copy_encoder
-from ogmp_sb3.runs.atomic import alone, reason
+from ogmp_sb3.runs.atomic import locked, reason
 from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mean_return
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
@@ -43,49 +44,57 @@ from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 
 
-def begin_or_go_on(
-    task: TaskConfig, task_data: dict[str, Any], config: TrainConfig, run_dir: Path, overrides: Sequence[str] = ()
-) -> float:
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is trained, how, and where."""
+
+    task: TaskConfig
+    """the task"""
+    task_data: dict[str, Any]
+    """the same as plain data, for the files"""
+    config: TrainConfig
+    """everything else about the training"""
+    run_dir: Path
+    """where to write"""
+    overrides: tuple[str, ...] = ()
+    """the command line, for the files; if there is none, that of before stays"""
+
+
+def begin_or_go_on(job: Job) -> float:
     """Train in a directory that may hold this run already: unfinished it goes on, finished it is left alone.
 
-    :param task: the task
-    :param task_data: the same as plain data
-    :param config: the run
-    :param run_dir: where to write
-    :param overrides: the command line, for the files
     :return: mean return of the last episodes
     :raises ValueError: if the directory holds another run
     """
+    run_dir = job.run_dir
     begun = bool(checkpoint_dirs(run_dir))
     if not (run_dir / CONFIG).is_file():
         if begun:
             raise ValueError(
                 f"{run_dir}: has checkpoints, but no {CONFIG}. Choose another directory, or remove that one."
             )
-        return train(task, task_data, config, run_dir, False, overrides)
+        return train(job, resume=False)
     data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
-    wanted = {"task name": task.name, "task": task_data, "train": asdict(config)}
+    wanted = {"task name": job.task.name, "task": job.task_data, "train": asdict(job.config)}
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
-    if not begun:
-        return train(task, task_data, config, run_dir, False, overrides)
-    checkpoint = latest_checkpoint(run_dir)
-    if int(checkpoint.name) >= config.total_timesteps:
-        print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
-        file = checkpoint / TRAINER[1]
-        statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
-        complete_best(run_dir, statistics.get("best_at", 0))
-        return float(checkpoint_info(checkpoint).get("return", math.nan))
-    return train(task, task_data, config, run_dir, True, overrides)
+    checkpoint = latest_checkpoint(run_dir) if begun else None
+    if checkpoint is None or int(checkpoint.name) < job.config.total_timesteps:
+        return train(job, resume=begun)
+    print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
+    file = checkpoint / TRAINER[1]
+    statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
+    complete_best(run_dir, statistics.get("best_at", 0))
+    return float(checkpoint_info(checkpoint).get("return", math.nan))
 
 
-def _check_same(file: Path, found: dict[str, Any], wanted: dict[str, Any], key: str = "") -> None:
+def _check_same(file: Path, there: dict[str, Any], wanted: dict[str, Any], key: str = "") -> None:
     """:raises ValueError: naming the first key, of those that cannot change, in which two runs differ."""
-    for name in [*wanted, *(name for name in found if name not in wanted)]:
+    for name in [*wanted, *(name for name in there if name not in wanted)]:
         if (key == "train" and name in RESUMABLE) or (not key and name not in wanted):
             continue
         inner = f"{key}.{name}" if key else name
-        before, now = found.get(name), wanted.get(name)
+        before, now = there.get(name), wanted.get(name)
         if isinstance(before, dict) and isinstance(now, dict):
             _check_same(file, before, now, inner)
         elif before != now:
@@ -95,92 +104,95 @@ def _check_same(file: Path, found: dict[str, Any], wanted: dict[str, Any], key: 
             )
 
 
-def train(
-    task: TaskConfig,
-    task_data: dict[str, Any],
-    config: TrainConfig,
-    run_dir: Path,
-    resume: bool,
-    overrides: Sequence[str] = (),
-) -> float:
+def train(job: Job, resume: bool) -> float:
     """Train a policy and leave everything in the run directory.
 
-    :param task: the task
-    :param task_data: the same as plain data, for the files
-    :param config: the run
-    :param run_dir: where to write
-    :param resume: go on from the latest checkpoint of ``run_dir``
-    :param overrides: the command line, for the files; if there is none, that of before stays
+    :param resume: go on from the latest checkpoint of the run directory
     :return: mean return of the last episodes
     :raises ValueError: if nothing can be written there, or a checkpoint to resume from is damaged
     """
-    th.set_num_threads(thread_count(config.torch_threads))
+    th.set_num_threads(thread_count(job.config.torch_threads))
     try:
-        run_dir.mkdir(parents=True, exist_ok=True)
-        with alone(run_dir):
-            tidy_run(run_dir)
-            returned = _train(task, task_data, config, run_dir, resume, overrides)
+        job.run_dir.mkdir(parents=True, exist_ok=True)
+        with locked(job.run_dir):
+            tidy_run(job.run_dir)
+            mean = _train(job, latest_checkpoint(job.run_dir) if resume else None)
     except OSError as error:
-        raise ValueError(f"{error.filename or run_dir}: {reason(error)}.") from None
+        raise ValueError(f"{error.filename or job.run_dir}: {reason(error)}.") from None
     gc.collect()  # learner and environment refer to each other, and a sweep trains its next job in this process
-    return returned
+    return mean
 
 
-def _train(
-    task: TaskConfig,
-    task_data: dict[str, Any],
-    config: TrainConfig,
-    run_dir: Path,
-    resume: bool,
-    overrides: Sequence[str],
-) -> float:
-    checkpoint = latest_checkpoint(run_dir) if resume else None
-    if task.uses_latent and task.encoder:
-        if checkpoint is None:
-            copy_encoder(task.encoder, run_dir / ENCODER)
-        else:
-            _check_encoder(run_dir / ENCODER, checkpoint / ENCODER)
-        task = replace(task, encoder=str(run_dir / ENCODER))
+def _train(job: Job, checkpoint: Path | None) -> float:
+    """Begin, or go on from a checkpoint, and train until the end or until asked to stop."""
+    config, run_dir = job.config, job.run_dir
+    task = _with_own_encoder(job.task, run_dir, checkpoint)
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     model = make_model(env, config.ppo, config.seed)
-    origin = {"task": task_data, "task_file": task.file, "versions": versions()}
+    origin = {"task": job.task_data, "task_file": task.file, "versions": versions()}
+    callbacks, checkpoints = _callbacks(job, origin)
+    checkpoints.model = model
+    if checkpoint is not None:
+        checkpoints.restore(checkpoint)
+        origin = run_config(run_dir)
+    command = {"overrides": list(job.overrides)} if job.overrides else {}
+    write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
+    model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
+    if checkpoint is not None:
+        print(f"resumed at step {model.num_timesteps}")
+    remaining = config.total_timesteps - model.num_timesteps
+    with _stop_on_signals(checkpoints), closing(model.logger):
+        try:
+            if remaining > 0:
+                model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)
+                checkpoints.save_last()
+        except StopTraining:
+            checkpoints.save_last()
+            print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")
+            raise SystemExit(130) from None
+    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
+    return mean_return(model)
+
+
+def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
+    """What watches a training, in the order it is called, and the one of them that saves.
+
+    :param origin: plain data for the files: the task, where it is from, the versions
+    """
+    config, run_dir = job.config, job.run_dir
     rollout = config.ppo.n_steps * config.num_envs
     statistics = EpisodeStatistics(every=max(rollout, min(LOG_EVERY, config.total_timesteps // 20)))
     unstable = UnstableSteps(run_dir / UNSTABLE, config.seed, origin)
     average = PolicyAverage(config.policy_average) if config.policy_average else None
     checkpoints = Checkpoints(run_dir, config, {**origin, "seed": config.seed}, statistics, unstable, average)
-    checkpoints.model = model
-    if checkpoint is not None:
-        checkpoints.restore(checkpoint)
-        origin = run_config(run_dir)
-    command = {"overrides": list(overrides)} if overrides else {}
-    write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
-    model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
-    if checkpoint is not None:
-        print(f"resumed at step {model.num_timesteps}")
-    callbacks = [checkpoints, unstable, statistics, ProgressBar(config.total_timesteps)]
+    callbacks: list[BaseCallback] = [checkpoints, unstable, statistics, ProgressBar(config.total_timesteps)]
     if average is not None:
         callbacks.insert(0, average)  # a checkpoint has the average with the last update
-    handlers = {s: signal.signal(s, checkpoints.request_stop) for s in (signal.SIGINT, signal.SIGTERM)}
-    remaining = config.total_timesteps - model.num_timesteps
+    return callbacks, checkpoints
+
+
+@contextmanager
+def _stop_on_signals(checkpoints: Checkpoints) -> Iterator[None]:
+    """Have Ctrl-C and SIGTERM end the training after its present update."""
+    handlers = {number: signal.signal(number, checkpoints.request_stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        if remaining > 0:
-            model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)
-            checkpoints.save_last()
-    except StopTraining:
-        checkpoints.save_last()
-        print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")
-        raise SystemExit(130) from None
+        yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        model.logger.close()
-    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
-    return mean_return(model)
 
 
-def _check_encoder(used: Path, saved: Path) -> None:
-    """:raises ValueError: if the encoder of a run is not that of its checkpoint, whose checksums hold."""
-    name = changed_file(saved, used)
-    if name:
-        raise ValueError(f"{used / name}: not the file that the run was trained with, which is {saved / name}.")
+def _with_own_encoder(task: TaskConfig, run_dir: Path, checkpoint: Path | None) -> TaskConfig:
+    """The task with the run's copy of its encoder, which is made at the start of a run.
+
+    :raises ValueError: if the copy is not that of the checkpoint, whose checksums hold
+    """
+    if not (task.uses_latent and task.encoder):
+        return task
+    own = run_dir / ENCODER
+    if checkpoint is None:
+        copy_encoder(task.encoder, own)
+    elif name := changed_file(checkpoint / ENCODER, own):
+        saved = checkpoint / ENCODER / name
+        raise ValueError(f"{own / name}: not the file that the run was trained with, which is {saved}.")
+    return replace(task, encoder=str(own))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.faults import hidden, killed_at, read_version, write_version
-from ogmp_sb3.runs.atomic import LOCK, alone, occupied, remove, replacing, tidy
+from ogmp_sb3.runs.atomic import LOCK, locked, occupied, remove, replacing, tidy
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -74,31 +74,31 @@ def test_tidying_leaves_what_is_not_of_its_names(tmp_path: Path) -> None:
 
 def test_two_processes_cannot_write_in_one_directory_and_a_lock_goes_with_its_process(tmp_path: Path) -> None:
     code = (
-        "import os, sys; from ogmp_sb3.runs.atomic import alone\nwith alone(__import__('pathlib').Path(sys.argv[1])): "
+        "import os, sys; from ogmp_sb3.runs.atomic import alone\nwith locked(__import__('pathlib').Path(sys.argv[1])): "
     )
     holder = [sys.executable, "-c", code + "print('has it', flush=True); sys.stdin.read()", str(tmp_path)]
     with subprocess.Popen(holder, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"has it\n"
         assert occupied(tmp_path)
-        with pytest.raises(ValueError, match="another process is training there"), alone(tmp_path):
+        with pytest.raises(ValueError, match="another process is training there"), locked(tmp_path):
             pass
         process.kill()
         process.wait()
         assert not occupied(tmp_path)
-        with alone(tmp_path):
+        with locked(tmp_path):
             assert occupied(tmp_path)
         assert not occupied(tmp_path)
 
 
 def test_a_look_at_a_directory_keeps_nobody_out(tmp_path: Path) -> None:
-    with alone(tmp_path):
+    with locked(tmp_path):
         pass
     descriptor = os.open(tmp_path / LOCK, os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_SH)
     timer = threading.Timer(0.05, os.close, [descriptor])
     timer.start()
-    with alone(tmp_path):
+    with locked(tmp_path):
         timer.join()
 
 
@@ -107,14 +107,14 @@ def test_a_file_system_without_locks_is_said_to_be_one(tmp_path: Path, monkeypat
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.warns(UserWarning, match="cannot be locked here"), alone(tmp_path):
+    with pytest.warns(UserWarning, match="cannot be locked here"), locked(tmp_path):
         assert not occupied(tmp_path)
 
 
 def test_where_nothing_can_be_written_nobody_is_alone(tmp_path: Path) -> None:
     with (
         pytest.raises(ValueError, match=r"nowhere: nothing can be written there \(No such file"),
-        alone(tmp_path / "nowhere"),
+        locked(tmp_path / "nowhere"),
     ):
         pass
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.runs.atomic import alone
+from ogmp_sb3.runs.atomic import locked
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import read_sweep, setting, swept_keys
 from ogmp_sb3.runs.run_directory import FAILURE, read_log, read_run
@@ -59,7 +59,7 @@ def test_the_state_of_a_run(
     total: int, steps: int, checkpoint: int, config: bool, trains: bool, state: str, tmp_path: Path
 ) -> None:
     path = make_run(tmp_path / "run", ["task=parkour"], total, steps, checkpoint, config)
-    with alone(path) if trains else contextlib.nullcontext():
+    with locked(path) if trains else contextlib.nullcontext():
         run = read_run(path)
     assert run.state == state
     assert run.samples == max(steps, checkpoint)

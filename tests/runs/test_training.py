@@ -26,12 +26,12 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
-from ogmp_sb3.runs.atomic import alone
+from ogmp_sb3.runs.atomic import locked
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import checkpoint_dirs, read_log, read_run, run_config
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.runs.storage import write_manifest
-from ogmp_sb3.runs.training import train
+from ogmp_sb3.runs.training import Job, train
 
 CONF = PACKAGE / "conf"
 
@@ -68,7 +68,8 @@ def test_a_training_leaves_no_environment_in_memory(tmp_path: Path) -> None:
     task_data = read_yaml(task_path("dive"))
     before = sum(type(thing) is BatchEnv for thing in gc.get_objects())
     config = read(TrainConfig, settings, Where("settings"))
-    train(task_from_data(task_data, task_path("dive")), task_data, config, tmp_path / "run", resume=False)
+    task = task_from_data(task_data, task_path("dive"))
+    train(Job(task=task, task_data=task_data, config=config, run_dir=tmp_path / "run"), resume=False)
     assert sum(type(thing) is BatchEnv for thing in gc.get_objects()) <= before
 
 
@@ -144,7 +145,7 @@ def test_a_configuration_that_is_none_is_a_sentence(data, sentence: str, tmp_pat
 def test_two_trainings_in_one_directory_are_refused(tmp_path: Path) -> None:
     arguments = ["task=dive", *SMALL, "total_timesteps=128", "hydra.run.dir=run"]
     (tmp_path / "run").mkdir()
-    with alone(tmp_path / "run"):
+    with locked(tmp_path / "run"):
         done = program("train", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert "run: another process is training there." in done.stderr

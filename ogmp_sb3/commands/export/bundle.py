@@ -38,10 +38,10 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
     :return: one mapping of plain data for each quantity, in the order of the observation
     """
     view, components, start = env.view(), [], 0
-    for term, given in env.task.observations.items():
-        if given is None:
+    for term, parameters in env.task.observations.items():
+        if parameters is None:
             continue
-        signal = registry.observations.get(term)(view, **given)
+        signal = registry.observations.get(term)(view, **parameters)
         begin = start
         for part in signal.parts or (Part(term, "", len(signal.scale)),):
             end = start + part.size
@@ -73,7 +73,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
         "observation": {
             "size": env.observation_size,
             "clip": CLIP,
-            "terms": {name: given for name, given in task.observations.items() if given is not None},
+            "terms": {name: parameters for name, parameters in task.observations.items() if parameters is not None},
             "components": observation_components(env),
         },
         "action": {
@@ -149,8 +149,8 @@ def encoder_parity(loaded: LoadedPolicy, file: Path) -> float:
     features = reference_features(data.state).astype(np.float32)
     session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     inputs = ({"features": row[: steps + 1]} for row, steps in zip(features, data.steps, strict=True))
-    found = np.concatenate([session.run(["latent"], each)[0] for each in inputs])
-    return float(np.abs(found - expected).max())
+    latents = np.concatenate([session.run(["latent"], each)[0] for each in inputs])
+    return float(np.abs(latents - expected).max())
 
 
 def _check(what: str, difference: float) -> None:

@@ -58,14 +58,16 @@ class _Graph:
         :return: the output sequence, shape (steps, 1, hidden)
         """
         inputs, recurrent, bias = (_reordered(w) for w in weights)
-        given = [
+        operands = [
             x,
             self.constant(f"{name}_W", inputs[None]),
             self.constant(f"{name}_R", recurrent[None]),
             self.constant(f"{name}_B", np.concatenate([bias, np.zeros_like(bias)])[None]),
             *(["", *states] if states else []),  # the empty name stands for the lengths of sequences
         ]
-        directed = self.add("LSTM", given, f"{name}_directed", f"{name}_h", f"{name}_c", hidden_size=recurrent.shape[1])
+        directed = self.add(
+            "LSTM", operands, f"{name}_directed", f"{name}_h", f"{name}_c", hidden_size=recurrent.shape[1]
+        )
         return self.squeeze(directed, 1, name)
 
     def squeeze(self, x: str, axis: int, output: str) -> str:
@@ -78,11 +80,11 @@ class _Graph:
 
     def model(self, name: str, inputs: dict[str, Shape], outputs: dict[str, Shape]) -> onnx.ModelProto:
         """The finished model; a shape may name a length that varies."""
-        given, made = (
+        graph_inputs, graph_outputs = (
             [helper.make_tensor_value_info(key, TensorProto.FLOAT, shape) for key, shape in values.items()]
             for values in (inputs, outputs)
         )
-        graph = helper.make_graph(self.nodes, name, given, made, self.constants)
+        graph = helper.make_graph(self.nodes, name, graph_inputs, graph_outputs, self.constants)
         model = helper.make_model(graph, producer_name="ogmp_sb3", opset_imports=[helper.make_opsetid("", OPSET)])
         model.ir_version = FILE_VERSION
         onnx.checker.check_model(model, full_check=True)

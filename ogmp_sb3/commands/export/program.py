@@ -62,18 +62,18 @@ def _run(arguments: list[str]) -> None:
         export(loaded, env, Path(folder))
         difference, seconds = parity(loaded, env, Controller(folder))
         _check("actor", difference)
-        said = [f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}."]
+        report = [f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}."]
         if loaded.task.uses_latent:
             difference = encoder_parity(loaded, Path(folder) / ENCODER)
             _check("encoder", difference)
-            said.append(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
+            report.append(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
         files = sorted(Path(folder).iterdir())
         (out / ENCODER).unlink(missing_ok=True)  # of another policy
         for file in files:
             file.replace(out / file.name)
     median, slow = 1e3 * np.quantile(seconds, (0.5, 0.99))
-    said.append(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
-    cli.console().print("\n".join([f"{out}: {', '.join(file.name for file in files)}", *said]))
+    report.append(f"One step on one thread: median {median:.3f} ms, 99th percentile {slow:.3f} ms.")
+    cli.console().print("\n".join([f"{out}: {', '.join(file.name for file in files)}", *report]))
 
 
 def main() -> None:

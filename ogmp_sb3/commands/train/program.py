@@ -26,7 +26,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value, read_yaml
 from ogmp_sb3.runs.run_directory import CONFIG, FAILURE, RESUMABLE, checkpoint_dirs, run_config
 from ogmp_sb3.runs.settings import TrainConfig
-from ogmp_sb3.runs.training import begin_or_go_on, train
+from ogmp_sb3.runs.training import Job, begin_or_go_on, train
 
 PROGRAM = "ogmp-train"
 
@@ -66,7 +66,8 @@ def _hydra_main(cfg: DictConfig) -> float:
         assert isinstance(plain, dict)
         values = {k: v for k, v in plain.items() if k not in ("task", *REPLACES_TASK)}
         config = read(TrainConfig, values, Where(PROGRAM))
-        return begin_or_go_on(task, task_data, config, run_dir, HydraConfig.get().overrides.task)
+        overrides = tuple(HydraConfig.get().overrides.task)
+        return begin_or_go_on(Job(task=task, task_data=task_data, config=config, run_dir=run_dir, overrides=overrides))
     except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
         return _failed(run_dir, ValueError(sentence(error)))
     except cli.MISTAKES as error:
@@ -98,7 +99,7 @@ def _resume(arguments: list[str]) -> None:
     resume = bool(checkpoint_dirs(run_dir))
     if not resume:
         print("there is no checkpoint yet: beginning anew")
-    train(task, data["task"], config, run_dir, resume)
+    train(Job(task=task, task_data=data["task"], config=config, run_dir=run_dir), resume)
 
 
 def _register_tasks(arguments: list[str]) -> list[str]:
