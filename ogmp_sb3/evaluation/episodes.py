@@ -83,7 +83,7 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
 
 
 def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:
-    """One step of every environment, as rows of an episode record, which hold no more than themselves."""
+    """The entries of one step in the records of all episodes, as copies: views would keep whole arrays in memory."""
     v = env.sim.base_qvel
     error = (view.state - view.reference)[:, np.r_[POS, VEL]]
     series = {

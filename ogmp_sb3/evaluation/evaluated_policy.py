@@ -1,4 +1,4 @@
-"""A policy under report: its evaluations, which are kept, and its motion traces."""
+"""A trained policy with its evaluations, which are kept in a file, and its motion traces."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class EvaluatedPolicy:
         return self.loaded.info.get("num_timesteps")
 
     def evaluation(self, episodes: int, seed: int, progress: Progress) -> Evaluation:
-        """The evaluation under the task's test protocol: from before, from ``ogmp-eval``, or measured now.
+        """The evaluation under the task's test protocol: kept, left by ``ogmp-eval``, or measured now.
 
         The return is always among the metrics.
         """
@@ -80,7 +80,7 @@ class EvaluatedPolicy:
         return grid.as_data(metrics)
 
     def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
-        """Motion traces of whole episodes under the test protocol; a bound that is given ends them.
+        """Motion traces of whole episodes under the test protocol; ``rho`` among the overrides ends them.
 
         :param title: of the traces; empty for their seeds
         :param overrides: of the task, beside those of the subject
@@ -103,7 +103,7 @@ class EvaluatedPolicy:
         return replace(self.task.for_evaluation(), evaluation=replace(self.task.evaluation, metrics=tuple(metrics)))
 
     def _evaluated(self, episodes: int, seed: int) -> Evaluation | None:
-        """What ``ogmp-eval`` found about this policy under the same settings, or None."""
+        """What ``ogmp-eval`` measured of this policy under the same settings, or None."""
         try:
             report = json.loads((self._folder / METRICS).read_text(encoding="utf-8"))
             settings = {**report, "versions": _deciding(report["versions"])}

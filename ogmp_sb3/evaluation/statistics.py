@@ -18,13 +18,13 @@ class Estimate:
     mean: float
     """mean over the episodes"""
     std: float | None
-    """standard deviation of a sample; None: one number alone has none"""
+    """standard deviation; None for a single number"""
     n: int
     """how many numbers"""
     low: float | None
-    """lower end of the interval; None: one number alone has none"""
+    """lower end of the interval; None for a single number"""
     high: float | None
-    """upper end of the interval"""
+    """upper end of the interval; None for a single number"""
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in JSON files."""

@@ -51,7 +51,7 @@ class Sweep:
 
 
 def sweep_of(jobs: list[Run]) -> Sweep:
-    """Group the jobs of a sweep; those that were never started have no line, and the same training counts once.
+    """Group the jobs of a sweep; jobs that were never started have no line, and the same training counts once.
 
     Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key.
     """
@@ -88,7 +88,7 @@ def shown(value: Any) -> str:
 
 
 def brief(value: Any) -> str:
-    """A value for a picture: of a mapping, what it changes (``no clock, no height_scan``)."""
+    """A value as a label in a picture; a mapping by its changes (``no clock, no height_scan``)."""
     if not isinstance(value, dict):
         return shown(value)
     changes = (f"no {key}" if inner is None else f"{key}: {brief(inner)}" for key, inner in value.items())
@@ -136,7 +136,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _order(value: Any) -> tuple[int, float]:
-    """Where a value stands among others; words stay in their order."""
+    """Sort key of a value: numbers by size, then words in their order, then null."""
     if _is_number(value):
         return 0, float(value)
     return (2, 0.0) if value is None else (1, 0.0)

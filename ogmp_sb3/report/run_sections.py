@@ -129,7 +129,7 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
 
 
 def metrics_table(task: TaskConfig, metrics: Estimates) -> Table:
-    """Every metric with its interval and what it means."""
+    """Every metric with its interval and its meaning."""
     rows = []
     for name, each in metrics.items():
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)

@@ -34,7 +34,7 @@ Evaluations = dict[Path, Evaluation]
 
 
 def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
-    """The policies of the jobs, by directory, and why there is none where there is none."""
+    """The policies of the jobs, and the reasons why jobs have none, both by directory."""
     subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
@@ -106,7 +106,7 @@ def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
 
 
 def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: Path) -> Section | None:
-    """Surrogate and true objective against the swept key, with what they can reach."""
+    """Surrogate and true objective against the swept key, with their upper bounds."""
     rows: Rows = []
     for objective, metric in OBJECTIVES.items():
         for panel in sweep.panels:
@@ -139,7 +139,7 @@ def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: 
 
 
 def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
-    """Over rho, from where on a bound lets the robot stand still; None if that is not the same for all jobs."""
+    """The values of rho above which the robot may stand still; None over another key, or if jobs differ in them."""
     if sweep.line_key != "rho":
         return None
     return _common(standing_deviation(subject.loaded.task) for subject in subjects.values())  # type: ignore[no-any-return]
@@ -157,7 +157,7 @@ def highest_return(task: TaskConfig) -> float | None:
 
 
 def _common(values: Any) -> Any:
-    """What all jobs agree in, else None."""
+    """The value that all jobs share, else None."""
     different = set(values)
     return different.pop() if len(different) == 1 else None
 

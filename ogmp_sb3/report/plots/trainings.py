@@ -1,4 +1,4 @@
-"""Pictures of trainings: the curves of a run and of a sweep, and what a sweep came to."""
+"""Pictures of trainings: the curves of a run and of a sweep, and the objectives of a sweep."""
 
 from __future__ import annotations
 
@@ -105,12 +105,12 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
 def plot_objectives(
     rows: Rows, key: str, bounds: dict[str, float | None], standing: tuple[float, float] | None, path: Path
 ) -> None:
-    """What the jobs of a sweep came to against one key, a panel for each objective (paper, fig:abl).
+    """Objectives of the jobs of a sweep against one key, a panel for each objective (paper, fig:abl).
 
     :param rows: ``objective``, ``line``, ``value``, ``mean``, ``low``, ``high``
     :param key: what ``value`` is of
     :param bounds: objective -> what it can reach at most, or None
-    :param standing: from where on the key lets a robot stand still in the slowest and in the fastest mode, or None
+    :param standing: values of the key above which a robot may stand still, in the slowest and the fastest mode, or None
     :param path: picture to write
     """
     places = _places(list(dict.fromkeys(row["value"] for row in rows)))
@@ -165,7 +165,7 @@ def line_colours(lines: list[str]) -> dict[str, Any]:
 
 
 def _places(values: list[str]) -> dict[str, int]:
-    """Where values stand on an axis, side by side: numbers by size, then words as they come, then no value."""
+    """Places of values along an axis: numbers by size, then words in the order they come in, then no value."""
     return {value: i for i, value in enumerate(sorted(values, key=lambda v: (v == NO_VALUE, _number(v))))}
 
 
@@ -177,7 +177,7 @@ def _number(text: str) -> float:
 
 
 def _between(places: dict[str, int], numbers: tuple[float, float]) -> np.ndarray:
-    """Where positive numbers lie among those of an axis; beyond the last half a place from it."""
+    """Places of positive numbers between the values of an axis; half a place from the last for those above it."""
     known = {0.0: -0.5} | {_number(value): float(place) for value, place in places.items() if value != NO_VALUE}
     return np.interp(numbers, list(known), list(known.values()), right=len(known) - 1.5)
 
