@@ -18,6 +18,7 @@ from ogmp_sb3.rendering.opengl import import_mujoco
 if TYPE_CHECKING:
     from ogmp_sb3.env.batch_env import BatchEnv
     from ogmp_sb3.evaluation.episodes import play_episodes
+    from ogmp_sb3.evaluation.evaluate import evaluate
     from ogmp_sb3.rendering.player import Player
     from ogmp_sb3.rendering.video import write_video
     from ogmp_sb3.runs.policies import load_policy
@@ -34,6 +35,7 @@ __all__ = [
     "Player",
     "RecurrentPPO",
     "TaskConfig",
+    "evaluate",
     "load_policy",
     "load_task",
     "make_env",
@@ -48,6 +50,7 @@ _LATER = {
     "OgmpVecEnv": "sb3.vec_env",
     "Player": "rendering.player",
     "RecurrentPPO": "sb3.recurrent_ppo",
+    "evaluate": "evaluation.evaluate",
     "load_policy": "runs.policies",
     "make_env": "sb3.vec_env",
     "make_model": "sb3.learner",

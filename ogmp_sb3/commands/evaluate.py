@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -14,11 +14,12 @@ from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.evaluation.episodes import evaluate_cell, measure, play_episodes
-from ogmp_sb3.evaluation.epsilon import estimate_epsilon
-from ogmp_sb3.evaluation.grid import Grid, read_grid
-from ogmp_sb3.evaluation.robustness import Disturbance, as_rows, disturbances, episode_sets, play_disturbed
-from ogmp_sb3.evaluation.statistics import Summary, as_text
+from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
+from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.epsilon import measure_epsilon
+from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure
+from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, measure_grid
+from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_rows
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.panels import shown
@@ -30,10 +31,62 @@ from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import save_json
 
 PROGRAM = "ogmp-eval"
-EPISODES, CELL_EPISODES = 100, 10
 SLOWEST = 0.1  # m/s: an endless episode slower than this is over
 MAX_DISTANCE = 200.0  # m
-ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
+
+
+def measure_metrics(request: Request, progress: Progress) -> Report:
+    """The metrics of the task: what an :class:`Evaluation` is as plain data."""
+    distance = request.max_distance
+    records = play_episodes(request.policy, request.task, request.episodes, request.seed, distance, progress)
+    return measure(request.task, records).as_data()
+
+
+def show_metrics(report: Report, console: Console) -> None:
+    """Print the metrics as tables."""
+    episodes = report["metrics"]["true_objective"]["n"]
+    console.print(Evaluation.from_data(report, heading(report["task"], episodes, report["physics_dt"])))
+
+
+def show_epsilon(report: Report, console: Console) -> None:
+    """Print the deviations from each oracle in each mode as a table."""
+    epsilon = report["epsilon"]
+    trained = epsilon["trained_with"]
+    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
+    table = Table(title=title, title_justify="left")
+    for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
+        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
+    for oracle, modes in epsilon["oracles"].items():
+        for mode, deviations in modes.items():
+            numbers = (f"{deviations[name]:.3f}" for name in ("median", "p95", "max"))
+            table.add_row(oracle, mode, *numbers, f"{deviations['steps']:,}")
+    console.print(table)
+    left_out = f"{epsilon['left_out']} others ended before their time and are left out"
+    console.print(f"Unit: {epsilon['unit']}. {epsilon['episodes']} episodes; {left_out}.")
+
+
+METRICS = Analysis(name="metrics", measure=measure_metrics, show=show_metrics, endless=True)
+ANALYSES = (
+    Analysis(
+        name="grid",
+        measure=measure_grid,
+        sets=count_cells,
+        episodes=CELL_EPISODES,
+        plot=lambda report, path: plot_grids([report["grid"]], "return", path),
+    ),
+    Analysis(
+        name="robustness",
+        measure=measure_robustness,
+        sets=count_sets,
+        endless=True,
+        training_keys=("randomisation",),
+        refused_keys={"evaluation.randomisation": "disturbs one thing at a time; its ranges are 'randomisation'."},
+        rows=robustness_rows,
+        plot=lambda report, path: plot_robustness(report["robustness"], path),
+    ),
+    Analysis(name="epsilon", measure=measure_epsilon, show=show_epsilon),
+)
+"""What can be measured instead of the metrics, each asked for by the key of its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +95,7 @@ class EvalConfig:
 
     run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
     episodes: int | None = cli.option(
-        f"how many episodes; null: {EPISODES}, and {CELL_EPISODES} for each cell of a grid", None
+        f"how many episodes; null: {METRICS.episodes}, and {CELL_EPISODES} for each cell of a grid", None
     )
     seed: int = cli.option("episode i is seeded with seed + i", 0)
     protocol: Literal["paper", "endless"] = cli.option("paper: as in the task file; endless: to a fall", "paper")
@@ -62,13 +115,23 @@ class EvalConfig:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
         if self.max_distance <= 0:
             raise ValueError(f"'max_distance' must be above 0, found {self.max_distance:g}.")
-        given = [name for name in ("grid", "robustness", "epsilon") if getattr(self, name)]
-        if len(given) > 1:
-            raise ValueError(f"{' and '.join(map(repr, given))} are different evaluations: give one of them.")
-        if self.protocol == "endless" and (self.grid or self.epsilon):
-            raise ValueError(f"'{given[0]}' plays the task's own protocol, not 'protocol=endless'.")
+        names = [analysis.name for analysis in self.analyses]
+        if len(names) > 1:
+            raise ValueError(f"{' and '.join(map(repr, names))} are different evaluations: give one of them.")
+        if self.protocol == "endless" and not self.analysis.endless:
+            raise ValueError(f"'{self.analysis.name}' plays the task's own protocol, not 'protocol=endless'.")
         if self.protocol == "paper" and self.max_distance != MAX_DISTANCE:
             raise ValueError("'max_distance' is for 'protocol=endless' alone.")
+
+    @property
+    def analyses(self) -> list[Analysis]:
+        """Those that are asked for instead of the metrics."""
+        return [analysis for analysis in ANALYSES if getattr(self, analysis.name)]
+
+    @property
+    def analysis(self) -> Analysis:
+        """The one that is asked for, else the metrics."""
+        return next(iter(self.analyses), METRICS)
 
 
 HELP = cli.usage(
@@ -96,13 +159,13 @@ def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
     :raises KeyError: for an unknown key or scene
     :raises ValueError: for a value that is out of range, or one that the evaluation would not use
     """
+    analysis = config.analysis
     for override in overrides:
-        if config.robustness and override.startswith("evaluation.randomisation"):
-            raise ValueError(
-                f"'{override}': 'robustness' disturbs one thing at a time; its ranges are 'randomisation'."
-            )
-    used = ("randomisation",) if config.robustness else ()
-    return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, used)
+        for key, reason in analysis.refused_keys.items():
+            if override.startswith(key):
+                raise ValueError(f"'{override}': '{analysis.name}' {reason}")
+    keys = analysis.training_keys
+    return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, keys)
 
 
 def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
@@ -122,24 +185,39 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     return task
 
 
-def show(title: str, metrics: dict[str, Summary], console: Console) -> None:
-    """Print metrics as a table."""
-    table = Table(title=title, title_justify="left")
-    for column in ("metric", "mean", "std", "95 % interval", "n"):
-        table.add_column(column, justify="left" if column == "metric" else "right")
-    for name, summary in metrics.items():
-        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
-        table.add_row(name, mean, std, as_text(summary["ci95"], 3, " .. "), str(summary["n"]))
-    console.print(table)
-
-
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     loaded = load_policy(config.run, config.trust, config.task)
-    trained = training_task(loaded, overrides, config)
-    task = protocol_task(trained, config)
+    analysis, request = config.analysis, _request(config, loaded, overrides)
+    with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
+        result = analysis.measure(request, bar.update)
+    report = {**_origin(config, loaded, overrides, request.task), **result}
     out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
-    report: dict[str, Any] = {
+    files = _write(analysis, report, out)
+    console = cli.console()
+    if analysis.show is not None:
+        analysis.show(report, console)
+    console.print(", ".join(map(str, files)))
+
+
+def _request(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str]) -> Request:
+    """What the command line asks the analysis to measure."""
+    task = training_task(loaded, overrides, config)
+    return Request(
+        policy=loaded,
+        task=protocol_task(task, config),
+        training_task=task,
+        trained_task=loaded.task,
+        value=getattr(config, config.analysis.name, None),
+        episodes=config.episodes or config.analysis.episodes,
+        seed=config.seed,
+        max_distance=config.max_distance if config.protocol == "endless" else None,
+    )
+
+
+def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], task: TaskConfig) -> Report:
+    """Which policy was measured, and how: the head of every report."""
+    return {
         "run": shown_path(loaded.path),
         "policy": loaded.digest,
         "task": task.name,
@@ -151,98 +229,24 @@ def _run(arguments: list[str]) -> None:
         "physics_dt": task.physics_dt,
         "versions": versions(),
     }
-    if config.grid:
-        _grid(read_grid(config.grid, task, loaded.task), loaded, task, config, report, out)
-    elif config.robustness:
-        _robustness(disturbances(trained), loaded, task, config, report, out)
-    elif config.epsilon:
-        _epsilon(loaded, task, config, report, out)
-    else:
-        _metrics(loaded, task, config, report, out)
 
 
-def _metrics(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path) -> None:
-    episodes = config.episodes or EPISODES
-    with progress_bar(episodes, "episode") as bar:
-        records = play_episodes(loaded.policy, task, episodes, config.seed, _distance(config), bar.update)
-    report |= measure(task, records)
-    _save(report, out / "metrics.json")
-    console = cli.console()
-    show(f"{task.name}, {episodes} episodes, physics step {task.physics_dt} s", report["metrics"], console)
-    for group, metrics in report["groups"].items():
-        show(group, metrics, console)
-    ended = ", ".join(f"{cause} {count}" for cause, count in report["terminations"].items())
-    console.print(f"Ended by: {ended}. Median distance {report['median_distance_m']:.2f} m.")
-    console.print(f"{out / 'metrics.json'}")
+def _write(analysis: Analysis, report: Report, out: Path) -> list[Path]:
+    """Write the report, its picture and its table.
 
-
-def _grid(
-    grid: Grid, loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path
-) -> None:
-    episodes = config.episodes or CELL_EPISODES
-    with progress_bar(len(grid.cells) * episodes, "episode") as bar:
-        metrics = [
-            evaluate_cell(loaded.policy, task, grid.mode, cell, episodes, config.seed, bar.update)
-            for cell in grid.cells
-        ]
-    report["grid"] = grid.as_data(metrics)
-    _save(report, out / "grid.json")
-    plot_grids([report["grid"]], "return", out / "grid.png")
-    cli.console().print(f"{out / 'grid.png'}, {out / 'grid.json'}")
-
-
-def _robustness(
-    found: list[Disturbance],
-    loaded: LoadedPolicy,
-    task: TaskConfig,
-    config: EvalConfig,
-    report: dict[str, Any],
-    out: Path,
-) -> None:
-    episodes = config.episodes or EPISODES
-    with progress_bar(episodes * episode_sets(found), "episode") as bar:
-        report["robustness"] = play_disturbed(
-            found, loaded.policy, task, episodes, config.seed, _distance(config), bar.update
-        )
-    _save(report, out / "robustness.json")
-    write_csv(out / "robustness.csv", as_rows(report["robustness"]))
-    plot_robustness(report["robustness"], out / "robustness.png")
-    cli.console().print(f"{out / 'robustness.png'}, {out / 'robustness.csv'}, {out / 'robustness.json'}")
-
-
-def _epsilon(loaded: LoadedPolicy, task: TaskConfig, config: EvalConfig, report: dict[str, Any], out: Path) -> None:
-    episodes = config.episodes or EPISODES
-    with progress_bar(episodes, "episode") as bar:
-        found = estimate_epsilon(loaded.policy, task, episodes, config.seed, bar.update)
-    trained = {"oracle": loaded.task.oracle, "rho": loaded.task.rho}
-    report["epsilon"] = {"what": ESTIMATE, "trained_with": trained, **found}
-    _save(report, out / "epsilon.json")
-    _show_epsilon(report["epsilon"], cli.console())
-    cli.console().print(f"{out / 'epsilon.json'}")
-
-
-def _distance(config: EvalConfig) -> float | None:
-    return config.max_distance if config.protocol == "endless" else None
-
-
-def _save(report: dict[str, Any], file: Path) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
+    :return: the files: picture, table, report, as far as there are such
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / f"{analysis.name}.json"
     save_json(file, report)
-
-
-def _show_epsilon(found: dict[str, Any], console: Console) -> None:
-    trained = found["trained_with"]
-    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
-    table = Table(title=title, title_justify="left")
-    for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
-        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
-    for oracle, modes in found["oracles"].items():
-        for mode, spread in modes.items():
-            numbers = (f"{spread[name]:.3f}" for name in ("median", "p95", "max"))
-            table.add_row(oracle, mode, *numbers, f"{spread['steps']:,}")
-    console.print(table)
-    left_out = f"{found['left_out']} others ended before their time and are left out"
-    console.print(f"Unit: {found['unit']}. {found['episodes']} episodes; {left_out}.")
+    files = [file]
+    if analysis.rows is not None:
+        files.insert(0, file.with_suffix(".csv"))
+        write_csv(files[0], analysis.rows(report))
+    if analysis.plot is not None:
+        files.insert(0, file.with_suffix(".png"))
+        analysis.plot(report, files[0])
+    return files
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS
 from ogmp_sb3.report import run_sections as report_run
 from ogmp_sb3.report import sweep_sections as report_sweep
 from ogmp_sb3.report.page import Section, write_page
-from ogmp_sb3.report.panels import shown, sort_out
+from ogmp_sb3.report.panels import shown, sweep_of
 from ogmp_sb3.runs.multirun import MULTIRUN, read_sweep
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import CONFIG, default_out, owner, read_run
@@ -122,18 +122,18 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
         raise ValueError(f"'{folder}': no such directory.")
     if (folder / CONFIG).is_file():
         raise ValueError(f"'{folder}' is one run, not a multirun: give it as run={folder}.")
-    sweep = sort_out(read_sweep(folder))
+    sweep = sweep_of(read_sweep(folder))
     subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides)
     out, episodes = Path(config.out) if config.out else folder / "report", config.episodes or JOB_EPISODES
     out.mkdir(parents=True, exist_ok=True)
-    found = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
+    evaluations = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
     sections = [
         report_sweep.overview(sweep, subjects, folder),
         report_sweep.curves(sweep, subjects, out),
-        report_sweep.objectives(sweep, subjects, found, out),
+        report_sweep.objectives(sweep, subjects, evaluations, out),
         report_sweep.jobs(sweep, subjects, notes),
-        report_sweep.evaluation(sweep, subjects, found, episodes, config.seed, out),
-        report_sweep.motion(sweep, subjects, found, config.seed, variants, out),
+        report_sweep.evaluation(sweep, subjects, evaluations, episodes, config.seed, out),
+        report_sweep.motion(sweep, subjects, evaluations, config.seed, variants, out),
     ]
     return _write(out, folder.resolve().name, f"{len(sweep.jobs)} jobs over {', '.join(sweep.keys)}", sections)
 

@@ -30,15 +30,71 @@ class Policy(Protocol):
         """
 
 
+class Loaded(Protocol):
+    """A policy with what is known about it, e.g. a :class:`~ogmp_sb3.runs.policies.LoadedPolicy`."""
+
+    @property
+    def policy(self) -> Policy:
+        """What acts."""
+
+
+AnyPolicy = Policy | Loaded
+"""What can be played: a model of Stable-Baselines3 or sb3-contrib, a policy of theirs, or a loaded policy.
+
+A model that was trained under ``VecNormalize`` is shown normalised observations if its environment still is one: load
+it with ``PPO.load(file, env=VecNormalize.load(statistics, env))``.
+"""
+
+
+class Normalised:
+    """A model whose observations are normalised first, as they were in its training.
+
+    :param model: a model of Stable-Baselines3
+    :param statistics: its ``VecNormalize``
+    """
+
+    def __init__(self, model: Any, statistics: Any) -> None:
+        self.observation_space = model.observation_space
+        self._model, self._statistics = model, statistics
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+        """As of :class:`Policy`; the statistics do not change."""
+        shown = self._statistics.normalize_obs(observation)
+        return self._model.predict(shown, state, episode_start, deterministic)  # type: ignore[no-any-return]
+
+
+def playable(policy: AnyPolicy, observation_size: int) -> Policy:
+    """What acts in a model, a policy or a loaded policy.
+
+    :param observation_size: of the task that is to be played
+    :raises ValueError: if the policy observes another number of values
+    """
+    actor: Any = policy if hasattr(policy, "predict") else policy.policy
+    observed = getattr(actor, "observation_space", None)  # an object of one's own need not have one
+    if observed is not None and observed.shape != (observation_size,):
+        size = observed.shape[0] if observed.shape else 0
+        raise ValueError(f"the task shows {observation_size} numbers, but the policy observes {size}.")
+    statistics = actor.get_vec_normalize_env() if hasattr(actor, "get_vec_normalize_env") else None
+    return actor if statistics is None else Normalised(actor, statistics)
+
+
 class Actor:
     """A policy that plays a batch of environments by its deterministic actions, with a memory for each.
 
-    :param policy: the policy
+    :param policy: a model, a policy or a loaded policy
     :param num_envs: number of environments
+    :param observation_size: of the task
+    :raises ValueError: if the policy does not fit the task
     """
 
-    def __init__(self, policy: Policy, num_envs: int) -> None:
-        self.policy = policy
+    def __init__(self, policy: AnyPolicy, num_envs: int, observation_size: int) -> None:
+        self.policy = playable(policy, observation_size)
         self._memory: tuple[np.ndarray, ...] | None = None
         self._starts = np.ones(num_envs, dtype=bool)
 

@@ -1,44 +1,42 @@
-"""Play a policy for whole episodes, keep a record of each, and measure them."""
+"""Play a policy for whole episodes, and keep a record of each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config import registry
-from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.agent import Actor, Policy
+from ogmp_sb3.env.agent import Actor, AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.endings import UNSTABLE
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.evaluation.grid import cell_task
 from ogmp_sb3.evaluation.record import EpisodeRecord
-from ogmp_sb3.evaluation.statistics import Summary, summarise
 from ogmp_sb3.guidance.srb import POS, VEL
 
 MAX_DISTANCE = "max_distance"
 BATCH = 128  # episodes played together
 
+Progress = Callable[[int], None]  # called with the number of episodes that have just ended
+
 
 def play_episodes(
-    policy: Policy,
+    policy: AnyPolicy,
     task: TaskConfig,
     episodes: int,
     seed: int,
     max_distance: float | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[EpisodeRecord]:
     """Play whole episodes, deterministically; every environment plays one, so none is over-represented.
 
-    :param policy: the policy
+    :param policy: a model, a policy or a loaded policy (:data:`~ogmp_sb3.env.agent.AnyPolicy`)
     :param task: the task, under the protocol wanted
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param max_distance: an episode also ends this far along the track, m
     :param progress: called with the number of episodes that have just ended
+    :raises ValueError: if the policy does not fit the task
     """
     records: list[EpisodeRecord] = []
     for first in range(0, episodes, BATCH):
@@ -47,16 +45,14 @@ def play_episodes(
     return records
 
 
-def play_batch(
-    policy: Policy, env: BatchEnv, max_distance: float | None, progress: Callable[[int], None]
-) -> list[EpisodeRecord]:
+def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, progress: Progress) -> list[EpisodeRecord]:
     """Play one episode in each environment; the parameters are those of :func:`play_episodes`."""
     observation = env.reset()
     start_x = env.sim.qpos[:, env.sim.base_qpos].copy()
     steps: list[dict[str, np.ndarray]] = [_snapshot(env, env.view(), np.zeros(env.num_envs))]
     ended = np.full(env.num_envs, "", dtype=object)
     length = np.zeros(env.num_envs, dtype=int)
-    actor = Actor(policy, env.num_envs)
+    actor = Actor(policy, env.num_envs, env.observation_size)
     while True:
         alive = np.flatnonzero(ended == "")
         if not len(alive):
@@ -88,7 +84,7 @@ def play_batch(
 
 
 def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:
-    """One step of every environment, as rows of an episode record, which hold no more than themselves."""
+    """The entries of one step in the records of all episodes, as copies: views would keep whole arrays in memory."""
     v = env.sim.base_qvel
     error = (view.state - view.reference)[:, np.r_[POS, VEL]]
     series = {
@@ -104,56 +100,3 @@ def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.
         "deviation": view.deviation,
     }
     return {name: values.copy() for name, values in series.items()}
-
-
-def evaluate(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Summary]:
-    """Every metric of the task over a set of episodes, with the true objective.
-
-    :return: by name
-    """
-    names = task.evaluation.metrics
-    found = {name: summarise(registry.metrics.get(name)(r) for r in records) for name in names}
-    found["true_objective"] = summarise(registry.objectives.get(task.objective)(r) for r in records)
-    return found
-
-
-def by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, dict[str, Summary]]:
-    """The metrics by each value of the word parameters of an episode's first mode (dive: by direction).
-
-    :return: by ``parameter=word``, as of :func:`evaluate`
-    """
-    groups: dict[str, list[EpisodeRecord]] = {}
-    for record in records:
-        for key, value in record.modes[0].items():
-            if key != "mode" and isinstance(value, str):
-                groups.setdefault(f"{key}={value}", []).append(record)
-    return {group: evaluate(task, members) for group, members in sorted(groups.items())}
-
-
-def measure(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Any]:
-    """Episodes summed up as plain data: metrics, by group, median distance and causes of their ends."""
-    causes = [r.termination for r in records]
-    return {
-        "metrics": evaluate(task, records),
-        "groups": by_word(task, records),
-        "median_distance_m": float(np.median([registry.metrics.get("distance_m")(r) for r in records])),
-        "terminations": {cause: causes.count(cause) for cause in sorted(set(causes))},
-    }
-
-
-def evaluate_cell(
-    policy: Policy,
-    task: TaskConfig,
-    mode: str,
-    cell: dict[str, Range],
-    episodes: int,
-    seed: int,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Summary]:
-    """The metrics of one cell of a grid, as of :func:`evaluate`, on tracks of that cell alone.
-
-    :param task: under the protocol wanted
-    :param cell: of :attr:`Grid.cells <ogmp_sb3.evaluation.grid.Grid.cells>`; the rest as for :func:`play_episodes`
-    """
-    task = cell_task(task, mode, cell)
-    return evaluate(task, play_episodes(policy, task, episodes, seed, progress=progress))

@@ -8,21 +8,22 @@ their time say nothing about optimal states and are left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.env.endings import TIME_LIMIT
 from ogmp_sb3.env.view import EnvView, deviation
-from ogmp_sb3.evaluation.episodes import BATCH, play_batch
+from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.episodes import BATCH, Progress, play_batch
 from ogmp_sb3.guidance.plans import Plans, make_oracle
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 
+ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 PERCENTILES = (50.0, 95.0, 100.0)
 
 Deviations = dict[str, dict[str, list[float]]]  # by oracle and mode
@@ -81,7 +82,7 @@ class ShadowedEnv(BatchEnv):
 
 
 def estimate_epsilon(
-    policy: Policy, task: TaskConfig, episodes: int, seed: int, progress: Callable[[int], None]
+    policy: AnyPolicy, task: TaskConfig, episodes: int, seed: int, progress: Progress
 ) -> dict[str, Any]:
     """Median, 95th percentile and greatest deviation from each oracle in each mode, over whole episodes.
 
@@ -94,7 +95,7 @@ def estimate_epsilon(
         ``episodes`` that are counted, and ``left_out``, those that ended before their time
     """
     task = replace(task, rho=None)
-    found: Deviations = {}
+    deviations: Deviations = {}
     whole = 0
     for first in range(0, episodes, BATCH):
         env = ShadowedEnv(task, min(BATCH, episodes - first), seed + first)
@@ -104,18 +105,26 @@ def estimate_epsilon(
         for row in kept:
             for oracle, modes in env.deviations[row].items():
                 for mode, values in modes.items():
-                    found.setdefault(oracle, {}).setdefault(mode, []).extend(values)
+                    deviations.setdefault(oracle, {}).setdefault(mode, []).extend(values)
     weights = ", ".join(f"{name} {weight:g}" for name, weight in task.bound.items() if weight)
     return {
         "unit": f"norm of W (x - x_ref), W: {weights}",
         "episodes": whole,
         "left_out": episodes - whole,
         "oracles": {
-            oracle: {mode: _spread(values) for mode, values in sorted(modes.items())} for oracle, modes in found.items()
+            oracle: {mode: _percentiles(values) for mode, values in sorted(modes.items())}
+            for oracle, modes in deviations.items()
         },
     }
 
 
-def _spread(values: list[float]) -> dict[str, float]:
+def _percentiles(values: list[float]) -> dict[str, float]:
     median, p95, greatest = (float(x) for x in np.percentile(values, PERCENTILES))
     return {"median": median, "p95": p95, "max": greatest, "steps": len(values)}
+
+
+def measure_epsilon(request: Request, progress: Progress) -> Report:
+    """The deviations of :func:`estimate_epsilon` with what biases them: ``epsilon``."""
+    trained_with = {"oracle": request.trained_task.oracle, "rho": request.trained_task.rho}
+    deviations = estimate_epsilon(request.policy, request.task, request.episodes, request.seed, progress)
+    return {"epsilon": {"what": ESTIMATE, "trained_with": trained_with, **deviations}}

@@ -1,18 +1,21 @@
-"""A policy under report: its evaluations, which are kept, and its motion traces."""
+"""A trained policy with its evaluations, which are kept in a file, and its motion traces."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.evaluation.episodes import evaluate_cell, measure, play_episodes
-from ogmp_sb3.evaluation.grid import Grid, limits
+from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.evaluate import Evaluation, evaluate
+from ogmp_sb3.evaluation.grid import Grid, evaluate_cell, limits
 from ogmp_sb3.evaluation.result_cache import ResultCache
+from ogmp_sb3.evaluation.statistics import estimates_as_data
 from ogmp_sb3.evaluation.traces import Trace, make_trace
 from ogmp_sb3.runs.policies import LoadedPolicy
 from ogmp_sb3.runs.settings import RECORDED, versions
@@ -20,12 +23,10 @@ from ogmp_sb3.runs.settings import RECORDED, versions
 RESULTS = Path("evaluation") / "results.jsonl"
 METRICS = Path("evaluation") / "metrics.json"  # what ogmp-eval leaves there
 NOT_DECIDING = {"python", "machine", *RECORDED} - {"ogmp_sb3", "mujoco"}  # the versions of plug-ins are
-MEASURED = ("metrics", "groups", "median_distance_m", "terminations")  # what an evaluation gives
-Progress = Callable[[int], None]
 
 
 class EvaluatedPolicy:
-    """A trained policy, and what has been found out about it.
+    """A trained policy and its evaluations.
 
     :param loaded: the policy
     :param overrides: of the task, ``key=value``
@@ -45,42 +46,41 @@ class EvaluatedPolicy:
         """Samples the policy was trained on, if it says so."""
         return self.loaded.info.get("num_timesteps")
 
-    def evaluation(self, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
-        """Metrics under the task's test protocol: from before, from ``ogmp-eval``, or measured now.
+    def evaluation(self, episodes: int, seed: int, progress: Progress) -> Evaluation:
+        """The evaluation under the task's test protocol: kept, left by ``ogmp-eval``, or measured now.
 
-        :return: as :func:`~ogmp_sb3.evaluation.episodes.measure`, the return always among the metrics
+        The return is always among the metrics.
         """
         settings = {**self._settings, "episodes": episodes, "seed": seed}
-        known = None if settings in self._results else self._evaluated(episodes, seed)
-        if known or settings in self._results:
+        of_program = None if settings in self._results else self._evaluated(episodes, seed)
+        if of_program or settings in self._results:
             progress(episodes)
-        policy, task = self.loaded.policy, self._test()
-        return self._results.remember(  # type: ignore[no-any-return]
-            settings, lambda: known or measure(task, play_episodes(policy, task, episodes, seed, progress=progress))
-        )
+
+        def compute() -> dict[str, Any]:
+            return (of_program or evaluate(self.loaded, self._test(), episodes, seed, progress)).as_data()
+
+        return Evaluation.from_data(self._results.remember(settings, compute))
 
     def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
         """The metrics over a grid of mode parameters, as in ``grid.json``.
 
         :param episodes: of each cell
         """
-        task, found = self._test(), []
+        task = self._test()
+
+        def compute(cell: dict[str, Range]) -> dict[str, Any]:
+            return estimates_as_data(evaluate_cell(self.loaded, task, grid.mode, cell, episodes, seed, progress))
+
+        metrics = []
         for cell in grid.cells:
             settings = {**self._settings, "mode": grid.mode, "cell": limits(cell), "episodes": episodes, "seed": seed}
             if settings in self._results:
                 progress(episodes)
-            found.append(
-                self._results.remember(
-                    settings,
-                    lambda cell=cell: evaluate_cell(  # type: ignore[misc]
-                        self.loaded.policy, task, grid.mode, cell, episodes, seed, progress
-                    ),
-                )
-            )
-        return grid.as_data(found)
+            metrics.append(self._results.remember(settings, partial(compute, cell)))
+        return grid.as_data(metrics)
 
     def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
-        """Motion traces of whole episodes under the test protocol; a bound that is given ends them.
+        """Motion traces of whole episodes under the test protocol; ``rho`` among the overrides ends them.
 
         :param title: of the traces; empty for their seeds
         :param overrides: of the task, beside those of the subject
@@ -89,7 +89,7 @@ class EvaluatedPolicy:
         task = trained.for_evaluation()
         if any(override.startswith("rho=") for override in overrides):
             task = replace(task, rho=trained.rho)
-        records = play_episodes(self.loaded.policy, task, episodes, seed)
+        records = play_episodes(self.loaded, task, episodes, seed)
         return [make_trace(record, trained, title or f"seed {seed + i}") for i, record in enumerate(records)]
 
     def _task(self, overrides: list[str]) -> TaskConfig:
@@ -102,8 +102,8 @@ class EvaluatedPolicy:
         metrics = dict.fromkeys((*self.task.evaluation.metrics, "return"))
         return replace(self.task.for_evaluation(), evaluation=replace(self.task.evaluation, metrics=tuple(metrics)))
 
-    def _evaluated(self, episodes: int, seed: int) -> dict[str, Any] | None:
-        """What ``ogmp-eval`` found about this policy under the same settings, or None."""
+    def _evaluated(self, episodes: int, seed: int) -> Evaluation | None:
+        """What ``ogmp-eval`` measured of this policy under the same settings, or None."""
         try:
             report = json.loads((self._folder / METRICS).read_text(encoding="utf-8"))
             settings = {**report, "versions": _deciding(report["versions"])}
@@ -112,19 +112,16 @@ class EvaluatedPolicy:
                 and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
                 and report["metrics"]["return"]["n"] == episodes
             )
-            return {key: report[key] for key in MEASURED} if same else None
+            return Evaluation.from_data(report) if same else None
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
 
-def rank_key(evaluation: dict[str, Any]) -> list[float]:
-    """What policies are compared by: the true objective, then the return, which tells apart those that reach nothing.
-
-    :param evaluation: of :meth:`EvaluatedPolicy.evaluation`
-    """
-    return [float(evaluation["metrics"][name]["mean"]) for name in ("true_objective", "return")]
+def rank_key(evaluation: Evaluation) -> list[float]:
+    """What policies are ranked by: the true objective, then the return, which tells apart those that reach nothing."""
+    return [evaluation.metrics[name].mean for name in ("true_objective", "return")]
 
 
-def _deciding(found: dict[str, str]) -> dict[str, str]:
+def _deciding(packages: dict[str, str]) -> dict[str, str]:
     """Of the versions of packages, those that an evaluation depends on."""
-    return {name: version for name, version in found.items() if name not in NOT_DECIDING}
+    return {name: version for name, version in packages.items() if name not in NOT_DECIDING}

@@ -12,10 +12,16 @@ from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.strict import GREATEST
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.evaluate import estimates
+from ogmp_sb3.evaluation.statistics import Estimates, estimates_as_data
 from ogmp_sb3.guidance.course import extent
 
 CELLS = 8  # along an axis, if not given: two on either side of the training range, four in it
 MAX_CELLS = 100  # along an axis
+CELL_EPISODES = 10  # of each cell, if not given
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,11 @@ class Grid:
         return [dict(zip(self.axes, ranges, strict=True)) for ranges in itertools.product(first, second)]
 
     def as_data(self, metrics: list[dict[str, Any]]) -> dict[str, Any]:
-        """Plain data for ``grid.json``: the grid with the metrics of each cell, in the order of :attr:`cells`."""
-        cells = [{**limits(cell), "metrics": found} for cell, found in zip(self.cells, metrics, strict=True)]
+        """Plain data for ``grid.json``: the grid with the metrics of each cell.
+
+        :param metrics: of each cell, as plain data, in the order of :attr:`cells`
+        """
+        cells = [{**limits(cell), "metrics": data} for cell, data in zip(self.cells, metrics, strict=True)]
         return {"mode": self.mode, "axes": list(self.axes), "trained": self.trained, "cells": cells}
 
 
@@ -74,19 +83,19 @@ def read_grid(text: str, task: TaskConfig, trained: TaskConfig, cells: int = CEL
 
 def _axis(text: str, task: TaskConfig, cells: int) -> tuple[str, str, np.ndarray]:
     """Mode, parameter and the borders between cells of one axis."""
-    name, *given = text.split(":")
+    name, *numbers = text.split(":")
     mode, _, parameter = name.partition(".")
     if mode not in task.mode_ranges:
         raise KeyError(f"grid: unknown mode '{mode}'{did_you_mean(mode, task.mode_ranges)}")
     ranges = task.mode_ranges[mode]
     if parameter not in ranges or ranges[parameter].words:
-        numbers = [key for key, range_ in ranges.items() if not range_.words]
-        raise KeyError(f"grid: mode '{mode}' has no number '{parameter}'{did_you_mean(parameter, numbers)}")
+        varied = [key for key, range_ in ranges.items() if not range_.words]
+        raise KeyError(f"grid: mode '{mode}' has no number '{parameter}'{did_you_mean(parameter, varied)}")
     range_ = ranges[parameter]
     try:
-        low, high, cells = float(given[0]), float(given[1]), int(given[2])
+        low, high, cells = float(numbers[0]), float(numbers[1]), int(numbers[2])
     except IndexError:
-        if given:
+        if numbers:
             raise ValueError(f"grid: '{text}' must be mode.parameter or mode.parameter:low:high:cells.") from None
         low, high = range_.beyond()
     except ValueError:
@@ -131,3 +140,39 @@ def cell_task(task: TaskConfig, mode: str, cell: dict[str, Range]) -> TaskConfig
     weights = {name: float(name == mode) for name in task.mode_ranges}
     task = replace(task, modes={**task.modes, mode: ranges}, sampling=replace(task.sampling, weights=weights))
     return replace(task, track=replace(task.track, boxes=max(task.track.boxes, extent(task).boxes)))
+
+
+def evaluate_cell(
+    policy: AnyPolicy,
+    task: TaskConfig,
+    mode: str,
+    cell: dict[str, Range],
+    episodes: int,
+    seed: int,
+    progress: Progress | None = None,
+) -> Estimates:
+    """The metrics of one cell of a grid, on tracks of that cell alone.
+
+    :param task: under the protocol wanted
+    :param cell: one of :attr:`Grid.cells`; the rest as for :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
+    """
+    task = cell_task(task, mode, cell)
+    return estimates(task, play_episodes(policy, task, episodes, seed, progress=progress))
+
+
+def requested_grid(request: Request) -> Grid:
+    """The grid that ``grid=jump.w,jump.h`` asks for; the errors are those of :func:`read_grid`."""
+    return read_grid(request.value, request.task, request.trained_task)
+
+
+def count_cells(request: Request) -> int:
+    """How many sets of episodes a grid takes."""
+    return len(requested_grid(request).cells)
+
+
+def measure_grid(request: Request, progress: Progress) -> Report:
+    """The metrics of every cell: ``grid``, see :meth:`Grid.as_data`."""
+    grid = requested_grid(request)
+    policy, task, episodes, seed = request.policy, request.task, request.episodes, request.seed
+    metrics = [evaluate_cell(policy, task, grid.mode, cell, episodes, seed, progress) for cell in grid.cells]
+    return {"grid": grid.as_data([estimates_as_data(each) for each in metrics])}

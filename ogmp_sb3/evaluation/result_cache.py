@@ -1,4 +1,4 @@
-"""ResultCache that are kept as soon as they exist, so that a program that is interrupted goes on where it stopped."""
+"""A file of results, written as they come, so that a program that is interrupted goes on where it stopped."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,11 +10,12 @@ import numpy as np
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConfig
-from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.evaluation.episodes import play_episodes
+from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.metrics import no_fall_fraction
-from ogmp_sb3.evaluation.statistics import Summary, summarise
+from ogmp_sb3.evaluation.statistics import Estimate, estimate
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
 LEAST = 0.05  # of factors and of friction
@@ -56,7 +56,7 @@ class Disturbance:
             return np.unique(np.minimum(values, MAX_LATENCY).round())
         return np.unique(np.maximum(values, min(LEAST, self.none)).round(4))
 
-    def alone(self, value: float) -> RandomisationConfig:
+    def randomisation(self, value: float) -> RandomisationConfig:
         """This disturbance at a size, and no other."""
         fixed: Any = Range(value, value)
         if self.name == "push":
@@ -64,14 +64,14 @@ class Disturbance:
         return replace(RandomisationConfig(), **{self.name: fixed})
 
 
-def disturbances(task: TaskConfig) -> list[Disturbance]:
+def task_disturbances(task: TaskConfig) -> list[Disturbance]:
     """Every disturbance; noise only where there is an observation that has it.
 
     :param task: as in training
     """
     declared = task.randomisation or RandomisationConfig()
     every = (declared.push or DEFAULT.push).every  # type: ignore[union-attr]
-    found = []
+    disturbances = []
     for name, label, none in (
         ("mass", "factor on mass", 1.0),
         ("friction", "friction coefficient", _friction(task)),
@@ -85,8 +85,8 @@ def disturbances(task: TaskConfig) -> list[Disturbance]:
         own = getattr(declared, name)
         values = own or getattr(DEFAULT, name)
         range_ = values.speed if isinstance(values, PushConfig) else values
-        found.append(Disturbance(name, label, none, range_, own is not None, every))
-    return found
+        disturbances.append(Disturbance(name, label, none, range_, own is not None, every))
+    return disturbances
 
 
 def _friction(task: TaskConfig) -> float:
@@ -96,56 +96,69 @@ def _friction(task: TaskConfig) -> float:
     return float(model.geom_friction[colliding, 0].max())
 
 
-def episode_sets(found: list[Disturbance]) -> int:
+def episode_sets(disturbances: list[Disturbance]) -> int:
     """How many sets of episodes disturbances take; that without one is played once."""
-    return 1 + sum(len(disturbance.values) - 1 for disturbance in found)
+    return 1 + sum(len(disturbance.values) - 1 for disturbance in disturbances)
 
 
 def play_disturbed(
-    found: list[Disturbance],
-    policy: Policy,
+    disturbances: list[Disturbance],
+    policy: AnyPolicy,
     task: TaskConfig,
     episodes: int,
     seed: int,
     max_distance: float | None,
-    progress: Callable[[int], None],
+    progress: Progress,
 ) -> list[dict[str, Any]]:
     """The fraction of episodes without a fall under each disturbance alone, at each of its sizes.
 
-    :param found: of :func:`disturbances`
+    :param disturbances: of :func:`task_disturbances`
     :param task: under the protocol wanted
     :param episodes: at each size, on the same tracks; the rest as for
         :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
     """
 
-    def no_fall(randomisation: RandomisationConfig | None) -> Summary:
+    def no_fall(randomisation: RandomisationConfig | None) -> Estimate:
         disturbed = replace(task, randomisation=randomisation)
         records = play_episodes(policy, disturbed, episodes, seed, max_distance, progress)
-        return summarise(no_fall_fraction(record) for record in records)
+        return estimate(no_fall_fraction(record) for record in records)
 
     undisturbed = no_fall(None)
     results = []
-    for each in found:
-        points = [
-            {"value": value, "no_fall_fraction": undisturbed if value == each.none else no_fall(each.alone(value))}
-            for value in each.values.tolist()
-        ]
+    for each in disturbances:
+        points = []
+        for value in each.values.tolist():
+            fraction = undisturbed if value == each.none else no_fall(each.randomisation(value))
+            points.append({"value": value, "no_fall_fraction": fraction.as_data()})
         declared = [each.range.low, each.range.high] if each.declared else None
         results.append({"disturbance": each.name, "label": each.label, "declared": declared, "points": points})
     return results
 
 
-def as_rows(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def count_sets(request: Request) -> int:
+    """How many sets of episodes the task's disturbances take."""
+    return episode_sets(task_disturbances(request.training_task))
+
+
+def measure_robustness(request: Request, progress: Progress) -> Report:
+    """The fraction of episodes without a fall: ``robustness``, as :func:`play_disturbed` gives it."""
+    disturbances = task_disturbances(request.training_task)
+    policy, task, episodes, seed = request.policy, request.task, request.episodes, request.seed
+    results = play_disturbed(disturbances, policy, task, episodes, seed, request.max_distance, progress)
+    return {"robustness": results}
+
+
+def robustness_rows(report: Report) -> list[dict[str, Any]]:
     """One row for each disturbance and size.
 
-    :param results: of :func:`play_disturbed`
+    :param report: of :func:`measure_robustness`
     """
     rows = []
-    for result in results:
+    for result in report["robustness"]:
         for point in result["points"]:
-            found = point["no_fall_fraction"]
+            fraction = Estimate.from_data(point["no_fall_fraction"])
             rows.append({
-                "disturbance": result["disturbance"], "value": point["value"], "episodes": found["n"],
-                "no_fall_fraction": found["mean"], "ci95_low": found["ci95"][0], "ci95_high": found["ci95"][1],
+                "disturbance": result["disturbance"], "value": point["value"], "episodes": fraction.n,
+                "no_fall_fraction": fraction.mean, "ci95_low": fraction.low, "ci95_high": fraction.high,
             })  # fmt: skip
     return rows

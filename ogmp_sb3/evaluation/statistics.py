@@ -1,50 +1,82 @@
-"""What many episodes say together: means with their intervals."""
+"""Statistics over episodes: the mean of a number with its confidence interval."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
-Summary = dict[str, Any]  # of :func:`summarise`
+
+@dataclass(frozen=True)
+class Estimate:
+    """The mean of a number over episodes, with its 95 % confidence interval."""
+
+    mean: float
+    """mean over the episodes"""
+    std: float | None
+    """standard deviation; None for a single number"""
+    n: int
+    """how many numbers"""
+    low: float | None
+    """lower end of the interval; None for a single number"""
+    high: float | None
+    """upper end of the interval; None for a single number"""
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data, as in JSON files."""
+        return {"mean": self.mean, "std": self.std, "n": self.n, "ci95": [self.low, self.high]}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Estimate:
+        """The estimate that :meth:`as_data` gave.
+
+        :raises KeyError: if something is missing
+        """
+        low, high = data["ci95"]
+        return cls(data["mean"], data["std"], data["n"], low, high)
 
 
-def summarise(values: Iterable[float]) -> Summary:
-    """Mean, standard deviation, n and a 95 % confidence interval of the mean.
+Estimates = dict[str, Estimate]  # by name of the metric
 
-    The interval is Wilson's if all values are ``bool``, else Student's. One number alone has no standard deviation
-    and no interval: None.
-    """
-    found = list(values)
-    x = np.array(found, dtype=float)
+
+def estimate(values: Iterable[float]) -> Estimate:
+    """The mean of numbers: with Wilson's interval if all of them are ``bool``, else with Student's."""
+    numbers = list(values)
+    x = np.array(numbers, dtype=float)
     n, mean = len(x), float(x.mean())
     std = float(x.std(ddof=1)) if n > 1 else None
-    interval: list[float] | list[None] = [None, None]
-    if all(isinstance(value, bool | np.bool_) for value in found):
-        interval = _wilson(mean, n)
-    elif std is not None:
-        half = float(stdtrit(n - 1, 0.975)) * std / math.sqrt(n)
-        interval = [mean - half, mean + half]
-    return {"mean": mean, "std": std, "n": n, "ci95": interval}
+    if all(isinstance(number, bool | np.bool_) for number in numbers):
+        return Estimate(mean, std, n, *_wilson_interval(int(x.sum()), n))
+    if std is None:
+        return Estimate(mean, None, n, None, None)
+    half = float(stdtrit(n - 1, 0.975)) * std / math.sqrt(n)
+    return Estimate(mean, std, n, mean - half, mean + half)
 
 
-def _wilson(share: float, n: int) -> list[float]:
-    """Wilson's 95 % interval of a probability, which holds near 0 and 1.
+def _wilson_interval(successes: int, n: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a probability, which holds near 0 and 1."""
+    from scipy.stats import binomtest  # imported here: it takes a second
 
-    :param share: of yes among ``n`` values
-    """
-    z = 1.959964
-    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    # It holds the share and lies within 0 and 1 but for rounding.
-    return [max(min(centre - half, share), 0.0), min(max(centre + half, share), 1.0)]
+    interval = binomtest(successes, n).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)
+
+
+def estimates_as_data(estimates: Estimates) -> dict[str, Any]:
+    """Plain data of estimates by name."""
+    return {name: each.as_data() for name, each in estimates.items()}
+
+
+def estimates_from_data(data: dict[str, Any]) -> Estimates:
+    """The estimates that :func:`estimates_as_data` gave."""
+    return {name: Estimate.from_data(each) for name, each in data.items()}
 
 
 def as_text(numbers: Sequence[float | None], digits: int = 3, between: str = "") -> str:
-    """Numbers of a summary for a table, a dash where there are none.
+    """Numbers of an estimate for a table, a dash where there are none.
 
     :param between: what stands between two
     """

@@ -1,4 +1,4 @@
-"""Motion traces: the way of the base in a vertical plane, the references it was given, and the ground (fig:abl_trc)."""
+"""Motion traces: path of the base in a vertical plane, references of the oracle, and the ground (fig:abl_trc)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Trace:
     up: np.ndarray
     """the trunk's upward axis, seen in the plane, shape (steps + 1, 2)"""
     references: list[np.ndarray]
-    """what the oracle answered to each query, as far as it was used, each of shape (steps, 2), m"""
+    """the reference of each query up to the next query, each of shape (steps, 2), m"""
     deviation: np.ndarray
     """``||W (x - x_ref)||``, shape (steps + 1,)"""
     ground: list[Ground]

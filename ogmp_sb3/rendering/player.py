@@ -8,7 +8,7 @@ import numpy as np
 
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.agent import Actor, Policy
+from ogmp_sb3.env.agent import Actor, AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
@@ -43,22 +43,20 @@ class Player:
     An episode that has ended begins anew at the next step.
 
     :param task: the task as in training; its bound is only shown
-    :param policy: None: the robot follows the oracle's references exactly
+    :param policy: a model, a policy or a loaded policy; None: the robot follows the oracle's references exactly
     :param seed: of the modes that are drawn
     :raises ValueError: if the policy does not fit the task
     """
 
-    def __init__(self, task: TaskConfig, policy: Policy | None, seed: int = 0) -> None:
+    def __init__(self, task: TaskConfig, policy: AnyPolicy | None, seed: int = 0) -> None:
         self.task, self.policy = task, policy
-        self._actor = None if policy is None else Actor(policy, 1)
+        self._actor: Actor | None = None
         if policy is None:
             unobserved = replace(endless(task), terminations={}, observations={"clock": {}})
             self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1)
         else:
             self.env = BatchEnv(endless(task), 1, seed, threads=1)
-            (observed,), shown = policy.observation_space.shape or (0,), self.env.observation_size
-            if observed != shown:
-                raise ValueError(f"the task shows {shown} numbers, but the policy observes {observed}.")
+            self._actor = Actor(policy, 1, self.env.observation_size)
         self.reset()
 
     @property

@@ -1,4 +1,4 @@
-"""The jobs of a sweep by what they differ in: panels of lines, lines of runs that differ in the seed alone."""
+"""The jobs of a sweep, grouped for pictures: panels of lines, and a line for the runs that differ in the seed alone."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The jobs of a sweep, sorted out."""
+    """The jobs of a sweep, grouped."""
 
     jobs: list[Run]
     """all of them"""
@@ -50,8 +50,8 @@ class Sweep:
     """one for each combination of the other keys but the seed"""
 
 
-def sort_out(jobs: list[Run]) -> Sweep:
-    """Group the jobs of a sweep; those that were never started have no line, and the same training counts once.
+def sweep_of(jobs: list[Run]) -> Sweep:
+    """Group the jobs of a sweep; jobs that were never started have no line, and the same training counts once.
 
     Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key.
     """
@@ -88,26 +88,29 @@ def shown(value: Any) -> str:
 
 
 def brief(value: Any) -> str:
-    """A value for a picture: of a mapping, what it changes (``no clock, no height_scan``)."""
+    """A value as a label in a picture; a mapping by its changes (``no clock, no height_scan``)."""
     if not isinstance(value, dict):
         return shown(value)
     changes = (f"no {key}" if inner is None else f"{key}: {brief(inner)}" for key, inner in value.items())
     return ", ".join(changes) or "unchanged"
 
 
-def alike(jobs: list[Run], keys: list[str], key: str, score: Callable[[Run], Sequence[float]]) -> list[Run]:
-    """One job for each value of a key, all with the same other values: those that most values of the key have.
+def jobs_along(key: str, jobs: list[Run], keys: list[str], score: Callable[[Run], Sequence[float]]) -> list[Run]:
+    """Jobs that differ in one key alone, one for each of its values.
 
-    :param keys: the keys that the jobs differ in
-    :param score: of the other values that equally many have, those whose jobs have the best mean are taken; what comes
-        first counts first
+    Of all such groups it is the largest, and of equally large ones that with the best mean score.
+
+    :param key: the key they differ in
+    :param jobs: the jobs to choose from
+    :param keys: the keys that these differ in
+    :param score: of a job; its first number counts first
     """
     others = [other for other in keys if other != key]
     groups: dict[str, dict[str, Run]] = {}
     for job in jobs:
         groups.setdefault(label_of(job, others), {}).setdefault(shown(setting(job, key)), job)
-    found = [list(group.values()) for group in groups.values()]
-    best = max(found, key=lambda group: (len(group), *np.mean([score(job) for job in group], axis=0)), default=[])
+    candidates = [list(group.values()) for group in groups.values()]
+    best = max(candidates, key=lambda group: (len(group), *np.mean([score(job) for job in group], axis=0)), default=[])
     return sorted(best, key=lambda job: _order(setting(job, key)))
 
 
@@ -124,8 +127,8 @@ def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
     samples = max((log[STEP_COLUMN] for log in logs), key=lambda steps: float(steps[-1]))
     curves = [np.interp(samples, log[STEP_COLUMN], log[column], left=np.nan, right=np.nan) for log in logs]
     values = np.ma.masked_invalid(np.stack(curves))
-    found = {"mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
-    return {"samples": samples, **{name: np.ma.filled(curve, np.nan) for name, curve in found.items()}}
+    bands = {"mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
+    return {"samples": samples, **{name: np.ma.filled(curve, np.nan) for name, curve in bands.items()}}
 
 
 def _is_number(value: Any) -> bool:
@@ -133,7 +136,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _order(value: Any) -> tuple[int, float]:
-    """Where a value stands among others; words stay in their order."""
+    """Sort key of a value: numbers by size, then words in their order, then null."""
     if _is_number(value):
         return 0, float(value)
     return (2, 0.0) if value is None else (1, 0.0)

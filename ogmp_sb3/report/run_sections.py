@@ -13,7 +13,7 @@ from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
-from ogmp_sb3.evaluation.statistics import as_text
+from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
 from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.encoder_training import reference_data
@@ -54,7 +54,7 @@ def overview(subject: EvaluatedPolicy, run: Run | None) -> Section:
         ["rho", "off (unguided)" if task.rho is None else f"{task.rho:g} (W: {weights})"],
         ["standing still", standing_still(task) or "not bounded by rho in this task"],
         ["least reward of a step", "off" if task.min_step_reward is None else f"{task.min_step_reward:g}"],
-        ["observations", ", ".join(name for name, given in task.observations.items() if given is not None)],
+        ["observations", ", ".join(name for name, parameters in task.observations.items() if parameters is not None)],
         ["seed", str(info.get("seed", "not recorded"))],
         ["samples", _samples(subject, run)],
         ["versions", ", ".join(f"{name} {version}" for name, version in (info.get("versions") or {}).items())],
@@ -97,10 +97,10 @@ def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) ->
     """Metrics with confidence intervals, and what ended the episodes."""
     with progress_bar(episodes, "episode") as bar:
         bar.set_description("evaluation")
-        found = subject.evaluation(episodes, seed, bar.update)
-    causes = found["terminations"]
-    parts: list[Table | Picture | Video] = [metrics_table(subject.task, found["metrics"])]
-    write_csv(out / "metrics.csv", metrics_rows([("all", found["metrics"]), *found["groups"].items()]))
+        result = subject.evaluation(episodes, seed, bar.update)
+    causes = result.terminations
+    parts: list[Table | Picture | Video] = [metrics_table(subject.task, result.metrics)]
+    write_csv(out / "metrics.csv", metrics_rows([("all", result.metrics), *result.groups.items()]))
     parts.append(
         make_picture(
             out, "terminations", "What ended the episodes.",
@@ -108,9 +108,9 @@ def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) ->
             lambda path: plot_terminations([("", causes)], path),
         )
     )  # fmt: skip
-    if found["groups"]:
-        names = list(next(iter(found["groups"].values())))
-        rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in found["groups"].items()]
+    if result.groups:
+        names = list(next(iter(result.groups.values())))
+        rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in result.groups.items()]
         parts.append(Table(rows, ["", *names], "By the words among the parameters of the first mode."))
     return Section("Evaluation", protocol(subject.task, episodes, seed), parts)
 
@@ -119,7 +119,7 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     """A sentence on how policies are evaluated."""
     test = task.evaluation
     track = "" if test.track_length is None else f" on a track of {test.track_length:g} m, flat ground behind it"
-    ends = ", ".join(name for name, given in test.terminations.items() if given is not None)
+    ends = ", ".join(name for name, parameters in test.terminations.items() if parameters is not None)
     return (
         f"{task.name}: {episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at "
         f"most {test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode "
@@ -128,32 +128,32 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     )
 
 
-def metrics_table(task: TaskConfig, metrics: dict[str, Any]) -> Table:
-    """Every metric with its interval and what it means."""
+def metrics_table(task: TaskConfig, metrics: Estimates) -> Table:
+    """Every metric with its interval and its meaning."""
     rows = []
-    for name, summary in metrics.items():
+    for name, each in metrics.items():
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
-        mean, std = as_text([summary["mean"]]), as_text([summary["std"]])
-        between = as_text(summary["ci95"], 3, f"{THIN}…{THIN}")
-        rows.append([name, mean, between, std, str(summary["n"]), _first_paragraph(kinds.get(key))])
+        mean, std = as_text([each.mean]), as_text([each.std])
+        between = as_text([each.low, each.high], 3, f"{THIN}…{THIN}")
+        rows.append([name, mean, between, std, str(each.n), _first_paragraph(kinds.get(key))])
     return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
 
 
-def metrics_rows(groups: list[tuple[str, dict[str, Any]]]) -> Rows:
+def metrics_rows(groups: list[tuple[str, Estimates]]) -> Rows:
     """Metrics of groups of episodes, each with its name, as a table for a file."""
     return [
         {
-            "group": group, "metric": name, "mean": s["mean"], "low": s["ci95"][0], "high": s["ci95"][1],
-            "std": s["std"], "n": s["n"],
+            "group": group, "metric": name, "mean": each.mean, "low": each.low, "high": each.high,
+            "std": each.std, "n": each.n,
         }
         for group, metrics in groups
-        for name, s in metrics.items()
+        for name, each in metrics.items()
     ]  # fmt: skip
 
 
-def interval(summary: dict[str, Any]) -> str:
+def interval(estimate: Estimate) -> str:
     """Mean and interval in one cell."""
-    return f"{summary['mean']:.2f} [{as_text(summary['ci95'], 2, f',{THIN}')}]"
+    return f"{estimate.mean:.2f} [{as_text([estimate.low, estimate.high], 2, f',{THIN}')}]"
 
 
 def _first_paragraph(function: Any) -> str:
@@ -166,12 +166,12 @@ def mode_parameters(subject: EvaluatedPolicy, cells: int, episodes: int, seed: i
     grids = default_grids(subject.task, subject.loaded.task, cells)
     if not grids:
         return None
-    found = []
+    measured = []
     with progress_bar(sum(len(grid.cells) for grid in grids) * episodes, "episode") as bar:
         for grid in grids:
             bar.set_description(f"{grid.mode}: {' x '.join(grid.axes)}")
-            found.append(subject.grid(grid, episodes, seed, bar.update))
-    rows = grid_rows(found)
+            measured.append(subject.grid(grid, episodes, seed, bar.update))
+    rows = grid_rows(measured)
     means = []
     for grid in grids:
         inside, outside = (
@@ -183,7 +183,7 @@ def mode_parameters(subject: EvaluatedPolicy, cells: int, episodes: int, seed: i
         f"Mean return over two parameters of a mode, {episodes} episodes a cell, each occurrence with values drawn in "
         f"the cell; the training range outlined. Means over the cells inside and outside of it: {'; '.join(means)}."
     )
-    picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(found, "return", path))
+    picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(measured, "return", path))
     text = "Tracks that hold only one mode, with two of its parameters from small ranges, some never trained on."
     return Section("Mode parameters", text, [picture])
 
@@ -195,13 +195,13 @@ def grid_rows(grids: list[dict[str, Any]]) -> Rows:
         for cell in grid["cells"]:
             spans = grid["trained"].items()
             inside = bool(spans) and all(_trained(cell[key], span) for key, span in spans)
-            summary, (first, second) = cell["metrics"]["return"], grid["axes"]
+            returned, (first, second) = Estimate.from_data(cell["metrics"]["return"]), grid["axes"]
             rows.append({
                 "mode": grid["mode"],
                 "first": first, "first_from": cell[first][0], "first_to": cell[first][1],
                 "second": second, "second_from": cell[second][0], "second_to": cell[second][1],
-                "trained": inside, "return": summary["mean"],
-                "low": summary["ci95"][0], "high": summary["ci95"][1], "n": summary["n"],
+                "trained": inside, "return": returned.mean,
+                "low": returned.low, "high": returned.high, "n": returned.n,
             })  # fmt: skip
     return rows
 

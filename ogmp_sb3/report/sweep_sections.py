@@ -10,11 +10,12 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.rewards import highest_reward
+from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
 from ogmp_sb3.guidance.course import standing_deviation, standing_still
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
-from ogmp_sb3.report.panels import Sweep, alike, brief, label_of, mean_curve, shown
+from ogmp_sb3.report.panels import Sweep, brief, jobs_along, label_of, mean_curve, shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.trainings import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
@@ -29,11 +30,11 @@ OBJECTIVES = {SURROGATE: "return", TRUE: "true_objective"}  # names of their met
 MOST_TRACES = 10  # in a picture of motion traces; the ready sweep over rho has ten bounds
 
 Subjects = dict[Path, EvaluatedPolicy]
-Evaluations = dict[Path, dict[str, Any]]
+Evaluations = dict[Path, Evaluation]
 
 
 def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
-    """The policies of the jobs, by directory, and why there is none where there is none."""
+    """The policies of the jobs, and the reasons why jobs have none, both by directory."""
     subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
@@ -49,12 +50,12 @@ def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subj
 
 def evaluate_jobs(subjects: Subjects, episodes: int, seed: int) -> Evaluations:
     """The evaluations of all jobs that have a policy, by directory."""
-    found = {}
+    evaluations = {}
     with progress_bar(len(subjects) * episodes, "episode") as bar:
         bar.set_description("evaluation")
         for path, subject in subjects.items():
-            found[path] = subject.evaluation(episodes, seed, bar.update)
-    return found
+            evaluations[path] = subject.evaluation(episodes, seed, bar.update)
+    return evaluations
 
 
 def overview(sweep: Sweep, subjects: Subjects, folder: Path) -> Section:
@@ -104,16 +105,16 @@ def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
     return Section("Training", "", [picture])
 
 
-def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) -> Section | None:
-    """Surrogate and true objective against the swept key, with what they can reach."""
+def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: Path) -> Section | None:
+    """Surrogate and true objective against the swept key, with their upper bounds."""
     rows: Rows = []
     for objective, metric in OBJECTIVES.items():
         for panel in sweep.panels:
             for line in panel.lines:
-                summaries = [found[run.path]["metrics"][metric] for run in line.runs if run.path in found]
-                if summaries:
-                    means = [summary["mean"] for summary in summaries]
-                    low, high = summaries[0]["ci95"] if len(means) == 1 else (min(means), max(means))
+                estimates = [evaluations[run.path].metrics[metric] for run in line.runs if run.path in evaluations]
+                if estimates:
+                    means, only = [each.mean for each in estimates], estimates[0]
+                    low, high = (only.low, only.high) if len(means) == 1 else (min(means), max(means))
                     rows.append({
                         "objective": objective, "line": panel.title, "value": brief(line.value),
                         "mean": float(np.mean(means)), "low": low, "high": high, "seeds": len(means),
@@ -138,7 +139,7 @@ def objectives(sweep: Sweep, subjects: Subjects, found: Evaluations, out: Path) 
 
 
 def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
-    """Over rho, from where on a bound lets the robot stand still; None if that is not the same for all jobs."""
+    """The values of rho above which the robot may stand still; None over another key, or if jobs differ in them."""
     if sweep.line_key != "rho":
         return None
     return _common(standing_deviation(subject.loaded.task) for subject in subjects.values())  # type: ignore[no-any-return]
@@ -156,7 +157,7 @@ def highest_return(task: TaskConfig) -> float | None:
 
 
 def _common(values: Any) -> Any:
-    """What all jobs agree in, else None."""
+    """The value that all jobs share, else None."""
     different = set(values)
     return different.pop() if len(different) == 1 else None
 
@@ -190,22 +191,22 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
 
 
 def evaluation(
-    sweep: Sweep, subjects: Subjects, found: Evaluations, episodes: int, seed: int, out: Path
+    sweep: Sweep, subjects: Subjects, evaluations: Evaluations, episodes: int, seed: int, out: Path
 ) -> Section | None:
     """The metrics of every job that has a policy."""
-    if not found:
+    if not evaluations:
         return None
-    measured = [(_label(job, sweep), found[job.path]) for job in sweep.jobs if job.path in found]
+    measured = [(_label(job, sweep), evaluations[job.path]) for job in sweep.jobs if job.path in evaluations]
     groups = []
     for label, result in measured:
-        groups += [(label, result["metrics"]), *((f"{label}, {name}", m) for name, m in result["groups"].items())]
+        groups += [(label, result.metrics), *((f"{label}, {name}", m) for name, m in result.groups.items())]
     write_csv(out / "metrics.csv", metrics_rows(groups))
-    names = list(dict.fromkeys(name for _, result in measured for name in result["metrics"]))
+    names = list(dict.fromkeys(name for _, result in measured for name in result.metrics))
     rows = [
-        [label, *(interval(result["metrics"][name]) if name in result["metrics"] else "" for name in names)]
+        [label, *(interval(result.metrics[name]) if name in result.metrics else "" for name in names)]
         for label, result in measured
     ]
-    causes = [(label, result["terminations"]) for label, result in measured]
+    causes = [(label, result.terminations) for label, result in measured]
     picture = make_picture(
         out, "terminations", "What ended the episodes.",
         [{"job": job, "cause": cause, "episodes": n} for job, counts in causes for cause, n in counts.items()],
@@ -220,16 +221,16 @@ def _label(job: Run, sweep: Sweep) -> str:
 
 
 def motion(
-    sweep: Sweep, subjects: Subjects, found: Evaluations, seed: int, variants: list[str], out: Path
+    sweep: Sweep, subjects: Subjects, evaluations: Evaluations, seed: int, variants: list[str], out: Path
 ) -> Section | None:
-    """Motion traces of the jobs' policies, a picture for each key that was swept, where they came to the most."""
+    """Motion traces of policies that differ in one key alone, a picture for each key that was swept."""
     parts: list[Table | Picture | Video] = []
     tested = [job for job in sweep.jobs if job.path in subjects]
     for key in variants:
-        policies = alike(tested, sweep.keys, key, lambda job: rank_key(found[job.path]))
+        policies = jobs_along(key, tested, sweep.keys, lambda job: rank_key(evaluations[job.path]))
         if key not in sweep.keys or not policies:
             continue
-        chosen = [policies[i] for i in spread(len(policies))]
+        chosen = [policies[i] for i in evenly_spaced(len(policies))]
         traces = [trace for job in chosen for trace in subjects[job.path].traces(1, seed, _label(job, sweep))]
         others = label_of(chosen[0], [other for other in sweep.keys if other != key])
         caption = f"Policies that differ in {key} alone, on the episode of seed {seed}."
@@ -241,6 +242,6 @@ def motion(
     return Section("Motion", "", parts) if parts else None
 
 
-def spread(count: int) -> list[int]:
-    """Which of some traces to draw: all, or as many as fit, the first and the last among them."""
+def evenly_spaced(count: int) -> list[int]:
+    """The indices of the traces to draw: all, or as many as fit, the first and the last among them."""
     return [round(i) for i in np.linspace(0, count - 1, min(count, MOST_TRACES))]

@@ -8,9 +8,7 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,10 +19,7 @@ from helpers.programs import SMALL, program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
-from ogmp_sb3.evaluation.traces import Trace
-from ogmp_sb3.report import run_sections as report_run
-from ogmp_sb3.report.page import Table
-from ogmp_sb3.report.sweep_sections import highest_return, spread
+from ogmp_sb3.report.sweep_sections import highest_return
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
 
@@ -130,64 +125,20 @@ def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Pat
     assert all(float(row["deviation"]) <= 0.1 for row in bound[:-1])
 
 
-def test_variants_are_told_from_what_was_trained_and_oracles_are_those_of_the_task(monkeypatch, tmp_path: Path) -> None:
-    captions: dict[str, str] = {}
-    played: list[str] = []
-
-    class Asked:
-        loaded = SimpleNamespace(task=load_task("parkour", {"rho": None}))
-        task = replace(load_task("parkour", {"rho": 0.2, "oracle": "lqr"}), oracle_params={"mine": {}, "lqr": {}})
-
-        def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
-            played.extend(overrides)
-            return []
-
-    def picture(out: Path, name: str, caption: str, traces: list[Trace]) -> Table:
-        captions[name] = caption
-        return Table([])
-
-    monkeypatch.setattr(report_run, "traces_picture", picture)
-    report_run.motion(Asked(), 1, 0, list(report_run.VARIANTS), tmp_path)  # type: ignore[arg-type]
-    assert played[:2] == ["oracle=mine", "oracle=lqr"]
-    for key, value in (("oracle", "preview"), ("horizon", "30"), ("rho", "null")):
-        assert f"trained with {key} = {value}," in captions[f"traces_{key}"]
-
-
 def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> None:
     def fail(*arguments: object, **named: object) -> None:
         raise AssertionError("played again")
 
-    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.measure", fail)
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate_cell", fail)
     done: list[int] = []
     subject = EvaluatedPolicy(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
-    causes = subject.evaluation(3, 0, done.append)["terminations"]
+    causes = subject.evaluation(3, 0, done.append).terminations
     assert sum(causes.values()) == sum(done) == 3
     for grid in default_grids(subject.task, subject.loaded.task, 3):
         assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 9
     with pytest.raises(AssertionError, match="played again"):
         subject.evaluation(4, 0, done.append)
-
-
-def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(sweep: Path, tmp_path: Path, monkeypatch) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(sweep / "1", copy, ignore=shutil.ignore_patterns("evaluation", "report"))
-    assert program("eval", f"run={copy}", *QUICK, cwd=tmp_path).returncode == 0
-    left = json.loads((copy / "evaluation" / "metrics.json").read_text())
-    monkeypatch.setattr(
-        "ogmp_sb3.evaluation.evaluated_policy.measure", lambda *arguments, **named: {"metrics": "measured"}
-    )
-    found = EvaluatedPolicy(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None)
-    assert found == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
-    for overrides, episodes, seed in (([], 3, 0), ([QUICK[1]], 2, 0), ([QUICK[1]], 3, 1)):
-        subject = EvaluatedPolicy(load_policy(copy), overrides, copy)
-        assert subject.evaluation(episodes, seed, lambda n: None) == {"metrics": "measured"}
-    for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}):
-        (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
-        (copy / "evaluation" / "results.jsonl").unlink()
-        assert EvaluatedPolicy(load_policy(copy), [QUICK[1]], copy).evaluation(3, 0, lambda n: None) == {
-            "metrics": "measured"
-        }
 
 
 def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:
@@ -249,16 +200,6 @@ def test_every_job_has_a_bar_of_what_ended_its_episodes(sweep_page: Path) -> Non
     ended = rows(sweep_page / "terminations.csv")
     for job in ("rho=0.3", "rho=0.5"):
         assert sum(int(row["episodes"]) for row in ended if row["job"] == job) == 3
-
-
-def test_of_many_traces_some_are_drawn_with_the_first_and_the_last() -> None:
-    assert spread(12) == [0, 1, 2, 4, 5, 6, 7, 9, 10, 11]
-    assert spread(3) == [0, 1, 2]
-
-
-@pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
-def test_the_highest_return_is_full_reward_at_every_step_of_the_test(task: str, expected: float) -> None:
-    assert highest_return(load_task(task)) == pytest.approx(expected)
 
 
 def test_no_episode_beats_the_highest_return_of_its_steps(run_page: Path) -> None:

@@ -36,7 +36,7 @@ def test_what_was_trained_is_not_what_the_test_asks_for() -> None:
 
 def test_a_mode_that_was_never_trained_has_no_range_to_outline(tmp_path: Path) -> None:
     grid = read_grid("jump.w:0.1:0.3:2,jump.h:0.1:0.3:2", PARKOUR, load_task("dive"))
-    data = grid.as_data([{"return": {"mean": 1.0, "ci95": [0.0, 2.0], "n": 3}}] * 4)
+    data = grid.as_data([{"return": {"mean": 1.0, "std": 0.4, "ci95": [0.0, 2.0], "n": 3}}] * 4)
     assert data["trained"] == {}
     assert [row["trained"] for row in grid_rows([data])] == [False] * 4
     plot_grids([data], "return", tmp_path / "grid.png")

@@ -31,16 +31,16 @@ NAMES = ["mass", "friction", "gains", "latency", "sensor_noise", "push"]
 
 def disturbance(name: str, **declared: object) -> robustness.Disturbance:
     task = load_task("parkour", {"randomisation": declared})
-    return next(found for found in robustness.disturbances(task) if found.name == name)
+    return next(found for found in robustness.task_disturbances(task) if found.name == name)
 
 
 def test_every_disturbance_there_is_is_played() -> None:
-    found = robustness.disturbances(load_task("parkour"))
+    found = robustness.task_disturbances(load_task("parkour"))
     assert [each.name for each in found] == list(vars(RandomisationConfig())) == NAMES
 
 
 def test_there_is_no_noise_where_nothing_has_it() -> None:
-    found = robustness.disturbances(load_task("parkour", {"observations.proprioception": None}))
+    found = robustness.task_disturbances(load_task("parkour", {"observations.proprioception": None}))
     assert [each.name for each in found] == [name for name in NAMES if name != "sensor_noise"]
 
 
@@ -74,14 +74,14 @@ def test_undisturbed_is_the_friction_of_the_robot_where_it_is_the_greater(tmp_pa
     mjcf = task.robot_config.mjcf_path.read_text(encoding="utf-8")
     (tmp_path / "grippy.xml").write_text(mjcf.replace('friction="1.0"', 'friction="1.3"'), encoding="utf-8")
     grippy = replace(task, robot_config=replace(task.robot_config, mjcf=str(tmp_path / "grippy.xml")))
-    none = {found.name: found.none for found in robustness.disturbances(grippy)}
+    none = {found.name: found.none for found in robustness.task_disturbances(grippy)}
     assert none["friction"] == 1.3
 
 
 def test_a_disturbance_is_played_alone() -> None:
-    assert disturbance("friction", mass=[0.5, 1.5]).alone(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
+    assert disturbance("friction", mass=[0.5, 1.5]).randomisation(0.3) == RandomisationConfig(friction=Range(0.3, 0.3))
     push = PushConfig(every=0.7, speed=Range(0.4, 0.4))
-    assert disturbance("push", push={"every": 0.7, "speed": 0.2}).alone(0.4) == RandomisationConfig(push=push)
+    assert disturbance("push", push={"every": 0.7, "speed": 0.2}).randomisation(0.4) == RandomisationConfig(push=push)
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +116,8 @@ def test_a_disturbance_of_no_size_is_none(name: str) -> None:
     task = load_task("parkour", {"evaluation.episode_steps": 20}).for_evaluation()
     each = disturbance(name, **({"push": {"every": 0.1, "speed": 0.5}} if name == "push" else {}))
     (plain,) = play_episodes(Standing(), task, 1, 0)
-    (none,) = play_episodes(Standing(), replace(task, randomisation=each.alone(each.none)), 1, 0)
-    (some,) = play_episodes(Standing(), replace(task, randomisation=each.alone(each.values[-1])), 1, 0)
+    (none,) = play_episodes(Standing(), replace(task, randomisation=each.randomisation(each.none)), 1, 0)
+    (some,) = play_episodes(Standing(), replace(task, randomisation=each.randomisation(each.values[-1])), 1, 0)
     np.testing.assert_allclose(none.base_pos_w, plain.base_pos_w, rtol=0, atol=1e-9)
     if name not in ("sensor_noise", "latency"):  # which a policy that neither looks nor moves cannot tell
         assert np.abs(some.base_pos_w[: len(plain.base_pos_w)] - plain.base_pos_w[: len(some.base_pos_w)]).max() > 1e-6

@@ -11,7 +11,6 @@ from helpers.records import record
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.traces import Ground, ground_rows, make_trace, trace_rows
 from ogmp_sb3.guidance.terrain import height_at
-from ogmp_sb3.report.plots.style import CAUSE_COLOURS, MODE_COLOURS, colours_of
 
 STEPS = 7
 PARKOUR, DIVE = load_task("parkour"), load_task("dive")
@@ -83,12 +82,3 @@ def test_rows_hold_every_step_with_its_query_and_reference() -> None:
     assert [row["deviation"] for row in rows[: STEPS + 1]] == list(range(STEPS + 1))
     assert rows[5]["reference_along_m"] == pytest.approx(5.5)
     assert {row["mode"] for row in ground_rows([trace])} == {"", "pace", "leap", "jump"}
-
-
-def test_modes_and_causes_of_one_s_own_have_colours_that_differ() -> None:
-    colours = colours_of(["hop", "", "pace", "skip", "hop", "bound"], MODE_COLOURS)
-    assert colours["pace"] == MODE_COLOURS["pace"]
-    own = [colours[name] for name in ("hop", "skip", "bound")]
-    assert len({*own, *MODE_COLOURS.values()}) == 3 + len(set(MODE_COLOURS.values()))
-    many = colours_of(map(str, range(50)), CAUSE_COLOURS)
-    assert len(many) == 50 + len(CAUSE_COLOURS)

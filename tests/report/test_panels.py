@@ -1,4 +1,4 @@
-"""Jobs sorted by what they differ in."""
+"""Jobs grouped by what they differ in."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.report.panels import alike, brief, label_of, mean_curve, shown, sort_out
+from ogmp_sb3.report.panels import brief, jobs_along, label_of, mean_curve, shown, sweep_of
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.run_directory import Run
@@ -22,7 +22,7 @@ def job(log: dict[str, list[float]] | None = None, state: str = "finished", **se
 
 def test_lines_differ_in_rho_panels_in_the_rest_and_seeds_share_a_line() -> None:
     jobs = [job(rho=r, oracle=o, seed=s) for o in ("lqr", "linear") for r in (None, 0.5, 0.3) for s in (0, 1)]
-    sweep = sort_out(jobs)
+    sweep = sweep_of(jobs)
     assert sweep.line_key == "rho"
     assert [panel.title for panel in sweep.panels] == ["oracle=lqr", "oracle=linear"]
     for panel in sweep.panels:
@@ -39,11 +39,11 @@ def test_lines_differ_in_rho_panels_in_the_rest_and_seeds_share_a_line() -> None
     ],
 )
 def test_without_rho_lines_differ_in_the_horizon_then_numbers_then_words(settings: list, line_key: str) -> None:
-    assert sort_out([job(**s) for s in settings]).line_key == line_key
+    assert sweep_of([job(**s) for s in settings]).line_key == line_key
 
 
 def test_a_job_that_was_never_started_has_no_line() -> None:
-    sweep = sort_out([job(rho=0.3), job(rho=0.5, state="missing")])
+    sweep = sweep_of([job(rho=0.3), job(rho=0.5, state="missing")])
     assert [line.value for line in sweep.panels[0].lines] == [0.3]
     assert len(sweep.jobs) == 2
 
@@ -56,7 +56,7 @@ def test_settings_are_shown_as_they_are_typed() -> None:
 
 def test_words_stay_in_the_order_of_the_command_line() -> None:
     values: list[Any] = [{"clock": None, "height_scan": None}, {"clock": None}, {}]
-    (panel,) = sort_out([job(observations=value) for value in values]).panels
+    (panel,) = sweep_of([job(observations=value) for value in values]).panels
     assert [line.value for line in panel.lines] == values
 
 
@@ -65,27 +65,27 @@ def test_a_picture_says_of_a_mapping_what_it_changes() -> None:
     assert (brief({}), brief({"z": 1.0}), brief(None), brief(0.3)) == ("unchanged", "z: 1.0", "null", "0.3")
 
 
-def test_jobs_that_are_alike_differ_in_one_key_alone() -> None:
+def test_jobs_along_a_key_differ_in_nothing_else() -> None:
     pairs = [("linear", 0.5), ("lqr", 0.3), ("lqr", None), ("preview", 0.1), ("preview", 0.3), ("lqr", 0.1)]
     jobs = [job(oracle=oracle, rho=rho, seed=seed) for oracle, rho in pairs for seed in (0, 1)]
-    found = alike(jobs, ["oracle", "rho", "seed"], "rho", lambda job: [0.0])
+    found = jobs_along("rho", jobs, ["oracle", "rho", "seed"], lambda job: [0.0])
     assert [(setting(j, "oracle"), setting(j, "rho"), setting(j, "seed")) for j in found] == [
         ("lqr", 0.1, 0), ("lqr", 0.3, 0), ("lqr", None, 0),
     ]  # fmt: skip
-    assert alike([], ["rho"], "rho", lambda job: [0.0]) == []
+    assert jobs_along("rho", [], ["rho"], lambda job: [0.0]) == []
 
 
 @pytest.mark.parametrize(("score", "rho"), [(1.0, 0.3), (-1.0, 0.1)])
-def test_of_jobs_that_are_alike_the_best_are_taken(score: float, rho: float) -> None:
+def test_of_equally_large_groups_of_jobs_the_best_is_taken(score: float, rho: float) -> None:
     jobs = [job(oracle=oracle, rho=r) for r in (0.1, 0.3) for oracle in ("lqr", "preview")]
     jobs.append(job(oracle="lqr", rho=0.5))  # the best, and alone
-    found = alike(jobs, ["oracle", "rho"], "oracle", lambda job: [0.0, score * setting(job, "rho")])
+    found = jobs_along("oracle", jobs, ["oracle", "rho"], lambda job: [0.0, score * setting(job, "rho")])
     assert [(setting(j, "oracle"), setting(j, "rho")) for j in found] == [("lqr", rho), ("preview", rho)]
 
 
 def test_the_same_training_in_two_directories_counts_once() -> None:
     jobs = [job(rho=0.3, seed=0), job(rho=0.3, seed=0), job(rho=0.3, seed=1), job(rho=0.5, seed=0)]
-    lines = sort_out(jobs).panels[0].lines
+    lines = sweep_of(jobs).panels[0].lines
     assert [[setting(run, "seed") for run in line.runs] for line in lines] == [[0, 1], [0]]
 
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.agent import Actor, Policy
+from ogmp_sb3.env.agent import Actor, AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.env.simulation import Simulation
@@ -48,17 +48,17 @@ class Outcome:
     """mean horizontal speed of contact points of the robot, m/s"""
 
 
-def record_windows(task: TaskConfig, policy: Policy | None, num_envs: int = 16) -> list[Window]:
+def record_windows(task: TaskConfig, policy: AnyPolicy | None, num_envs: int = 16) -> list[Window]:
     """Windows of a run in which no episode ends, of a policy or of exploration noise."""
     env = BatchEnv(task, num_envs, seed=0)
     rng = np.random.default_rng(0)
-    observation, actor = env.reset(), None if policy is None else Actor(policy, num_envs)
-    found: list[Window] = []
+    observation, actor = env.reset(), None if policy is None else Actor(policy, num_envs, env.observation_size)
+    windows: list[Window] = []
     open_windows: list[tuple[int, np.ndarray, np.ndarray, list[np.ndarray]]] = []
     for step in range(100_000):
         if step >= WARM_UP and step % WINDOW == 0:
-            found += [Window(s, t, np.array(c)) for _, s, t, c in open_windows]
-            if len(found) >= WINDOWS:
+            windows += [Window(s, t, np.array(c)) for _, s, t, c in open_windows]
+            if len(windows) >= WINDOWS:
                 break
             open_windows = [(row, env.sim.mj.state[row].copy(), env.terrain[row].copy(), []) for row in range(num_envs)]
         if actor is None:
@@ -74,7 +74,7 @@ def record_windows(task: TaskConfig, policy: Policy | None, num_envs: int = 16) 
             observation[ended] = env.reset(ended)
             if actor is not None:
                 actor.restart(ended)
-    return found[:WINDOWS]
+    return windows[:WINDOWS]
 
 
 def replay_windows(task: TaskConfig, windows: list[Window], dt: float) -> list[Outcome]:
@@ -111,11 +111,11 @@ def _replay_one(model: mujoco.MjModel, data: mujoco.MjData, boxes: slice, window
     return Outcome(data.qpos[:3].copy(), float(data.energy.sum()), penetration, slip)
 
 
-def bench_physics(task: TaskConfig, policy: Policy | None, num_envs: int, repeats: int) -> dict[str, float]:
+def bench_physics(task: TaskConfig, policy: AnyPolicy | None, num_envs: int, repeats: int) -> dict[str, float]:
     """Errors of each physics step against 0.5 ms over 0.3 s, and its cost relative to the task's own."""
     windows = record_windows(task, policy)
     reference = replay_windows(task, windows, REFERENCE_DT)
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     own = _milliseconds(task, windows, num_envs, repeats)
     for dt in COMPARED_DT:
         name = f"{1000 * dt:g}_ms"
@@ -123,14 +123,14 @@ def bench_physics(task: TaskConfig, policy: Policy | None, num_envs: int, repeat
         pairs = list(zip(outcomes, reference, strict=True))
         error = [float(np.linalg.norm(a.base_pos - b.base_pos)) for a, b in pairs]
         cost = _milliseconds(replace(task, physics_dt=dt), windows, num_envs, repeats)
-        found[f"{name}_cost"] = cost / own
-        found[f"{name}_base_error_mm"] = 1000 * float(np.median(error))
-        found[f"{name}_energy_error_j"] = float(np.mean([a.energy - b.energy for a, b in pairs]))
-        found[f"{name}_penetration_mm"] = 1000 * float(np.median([a.penetration for a in outcomes]))
-        found[f"{name}_slip_mps"] = float(np.mean([a.slip for a in outcomes]))
-    found["reference_penetration_mm"] = 1000 * float(np.median([a.penetration for a in reference]))
-    found["reference_slip_mps"] = float(np.mean([a.slip for a in reference]))
-    return found
+        numbers[f"{name}_cost"] = cost / own
+        numbers[f"{name}_base_error_mm"] = 1000 * float(np.median(error))
+        numbers[f"{name}_energy_error_j"] = float(np.mean([a.energy - b.energy for a, b in pairs]))
+        numbers[f"{name}_penetration_mm"] = 1000 * float(np.median([a.penetration for a in outcomes]))
+        numbers[f"{name}_slip_mps"] = float(np.mean([a.slip for a in outcomes]))
+    numbers["reference_penetration_mm"] = 1000 * float(np.median([a.penetration for a in reference]))
+    numbers["reference_slip_mps"] = float(np.mean([a.slip for a in reference]))
+    return numbers
 
 
 def _milliseconds(task: TaskConfig, windows: list[Window], num_envs: int, repeats: int) -> float:

@@ -35,22 +35,22 @@ def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numb
     for _ in range(repeats):
         whole.append(_time_recording(task, recording))
         bare.append(seconds_of(bare_replay(task, recording)[1]))
-    found = {
+    numbers = {
         "sim_over_bare_physics": median(bare) / median(whole),
         "steps_per_second": num_envs * steps / median(whole),
         "bare_physics_steps_per_second": num_envs * steps / median(bare),
     }
-    found |= _shares(task, recording)
+    numbers |= _shares(task, recording)
     cores = thread_count("auto")
     for name, kind in (("dummy_vec_env", DummyVecEnv), ("subproc_vec_env", SubprocVecEnv)):
         number = 4 * cores
         seconds = _time_stock(kind, task, number, max(steps // 4, 10))
-        found[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
+        numbers[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
     for number in (1, 16, 64, 256, 1024):
-        found[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
+        numbers[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
     for threads in range(1, cores + 1):
-        found[f"steps_per_second_{threads}_threads"] = _throughput(task, num_envs, steps, threads)
-    return found
+        numbers[f"steps_per_second_{threads}_threads"] = _throughput(task, num_envs, steps, threads)
+    return numbers
 
 
 @dataclass(frozen=True)

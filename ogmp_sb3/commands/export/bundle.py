@@ -120,7 +120,7 @@ def parity(loaded: LoadedPolicy, env: BatchEnv, controller: Controller) -> tuple
     :param env: one environment
     :return: the greatest difference of an action, and the time of each step of the controller, s
     """
-    observation, actor = env.reset(), Actor(loaded.policy, num_envs=1)
+    observation, actor = env.reset(), Actor(loaded, 1, env.observation_size)
     controller.reset()
     difference, seconds = 0.0, np.zeros(PARITY_STEPS)
     for k in range(PARITY_STEPS):

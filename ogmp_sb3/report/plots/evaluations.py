@@ -1,4 +1,4 @@
-"""Pictures of evaluations and benchmarks: heat maps, disturbances, what ended episodes, rates."""
+"""Pictures of evaluations and benchmarks: heat maps, disturbances, terminations, rates."""
 
 from __future__ import annotations
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.report.plots.style import COLOURS, save
+from ogmp_sb3.report.plots.style import COLOURS, panel_grid, save
 
 
 def plot_references(
@@ -20,12 +21,8 @@ def plot_references(
     :param dt: distance of knots, s
     :param path: picture to write
     """
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, grid = plt.subplots(rows, columns, figsize=(4.5 * columns, 3.2 * rows), squeeze=False, layout="constrained")
-    for axes in grid.flat[len(panels) :]:
-        axes.axis("off")
-    for axes, (title, stance, set_point, heights) in zip(grid.flat, panels, strict=False):
+    figure, grid = panel_grid(len(panels), 3, 4.5, 3.2)
+    for axes, (title, stance, set_point, heights) in zip(grid, panels, strict=True):
         time = dt * np.arange(len(set_point))
         for k in np.flatnonzero(stance):
             axes.axvspan(time[k], time[k + 1], color="0.92", linewidth=0)
@@ -33,7 +30,7 @@ def plot_references(
         for oracle, height in heights.items():
             axes.plot(time, height, label=oracle, color=COLOURS.get(oracle))
         axes.set(title=title, xlabel="time (s)", ylabel="base height (m)")
-    grid.flat[0].legend(fontsize="small")
+    grid[0].legend(fontsize="small")
     figure.suptitle("References by mode (grey: stance)")
     save(figure, path)
 
@@ -45,32 +42,35 @@ def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None
     :param calls: the mode and parameters of each
     :param path: picture to write
     """
-    names = list(dict.fromkeys(call.name for call in calls))
-    panels: list[tuple[str, str | None]] = [("all modes", None)]
-    for name in names:
-        parameters = next(call.parameters for call in calls if call.name == name)
-        varied = [k for k in parameters if len({call.parameters[k] for call in calls if call.name == name}) > 1]
-        panels += [(name, parameter) for parameter in varied]
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    figure, grid = plt.subplots(rows, columns, figsize=(3.5 * columns, 2.9 * rows), squeeze=False, layout="constrained")
-    for axes in grid.flat[len(panels) :]:
-        axes.axis("off")
-    for axes, (name, parameter) in zip(grid.flat, panels, strict=False):
-        if parameter is None:
-            for mode in names:
-                rows_of = [i for i, call in enumerate(calls) if call.name == mode]
-                axes.scatter(*latents[rows_of].T, s=6, label=mode, rasterized=True)
-            axes.legend(fontsize="small")
-            axes.set(title=name, xlabel="z1", ylabel="z2")
-            continue
-        members = [i for i, call in enumerate(calls) if call.name == name]
-        values = [calls[i].parameters[parameter] for i in members]
-        words = sorted({v for v in values if isinstance(v, str)})
-        colours = [words.index(str(v)) for v in values] if words else values
-        colour_map = "tab10" if words else "viridis"
-        points = axes.scatter(*latents[members].T, s=6, c=colours, cmap=colour_map, rasterized=True)
+    names = dict.fromkeys(call.name for call in calls)
+    members = {name: [i for i, call in enumerate(calls) if call.name == name] for name in names}
+    coloured = [
+        (name, parameter, values)
+        for name, rows in members.items()
+        for parameter in calls[rows[0]].parameters
+        if len(set(values := [calls[i].parameters[parameter] for i in rows])) > 1
+    ]
+    figure, (first, *others) = panel_grid(1 + len(coloured), 3, 3.5, 2.9)
+    for name, rows in members.items():
+        first.scatter(latents[rows, 0], latents[rows, 1], s=6, label=name, rasterized=True)
+    first.legend(fontsize="small")
+    first.set(title="all modes", xlabel="z1", ylabel="z2")
+    for axes, (name, parameter, values) in zip(others, coloured, strict=True):
+        _scatter_by_value(axes, latents[members[name]], values)
+        words = _words(values)
         axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), xlabel="z1", ylabel="z2")
-        if not words:
-            figure.colorbar(points)
     save(figure, path, dpi=100)
+
+
+def _scatter_by_value(axes: Axes, points: np.ndarray, values: list[float | str]) -> None:
+    """Points coloured by a number, with a bar of colours, or by a word."""
+    words, (x, y) = _words(values), points.T
+    if words:
+        axes.scatter(x, y, s=6, c=[words.index(str(value)) for value in values], cmap="tab10", rasterized=True)
+    else:
+        marks = axes.scatter(x, y, s=6, c=np.array(values), cmap="viridis", rasterized=True)
+        plt.colorbar(marks, ax=axes)
+
+
+def _words(values: list[float | str]) -> list[str]:
+    return sorted({value for value in values if isinstance(value, str)})

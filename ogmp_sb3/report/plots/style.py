@@ -52,6 +52,22 @@ def colours_of(names: Iterable[str], known: dict[str, str]) -> dict[str, str]:
     return known | dict(zip(others, itertools.cycle(MORE_COLOURS), strict=False))
 
 
+def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure with some panels in rows; what is left over in the last row stays empty.
+
+    :param columns: the most panels in a row
+    :param width: of a panel, inches
+    :param height: of a panel, inches
+    """
+    columns = min(count, columns)
+    rows = -(-count // columns)
+    size = (width * columns, height * rows)
+    figure, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    for axes in grid.flat[count:]:
+        axes.axis("off")
+    return figure, list(grid.flat[:count])
+
+
 def legend_entries(panels: list[Axes]) -> dict[str, Any]:
     """The legend entries of several panels by label, each once."""
     return {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}

@@ -1,4 +1,4 @@
-"""Pictures of trainings: the curves of a run and of a sweep, and what a sweep came to."""
+"""Pictures of trainings: the curves of a run and of a sweep, and the objectives of a sweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, legend_entries, save
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, legend_entries, panel_grid, save
 from ogmp_sb3.runs.logs import STEP_COLUMN
 
 SMOOTH = 5  # rows of progress.csv that a line is averaged over
@@ -85,11 +85,11 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
         axes.axis("off")
     for axes, panel in zip(grid.flat, panels, strict=False):
         for line, colour in colours.items():
-            mine = [row for row in rows if (row["panel"], row["line"]) == (panel, line)]
-            if not mine:  # of a job that has not begun
+            of_line = [row for row in rows if (row["panel"], row["line"]) == (panel, line)]
+            if not of_line:  # of a job that has not begun
                 continue
             x, mean, low, high = (
-                np.array([row[name] for row in mine]) for name in ("samples", "mean", "low", "high")
+                np.array([row[name] for row in of_line]) for name in ("samples", "mean", "low", "high")
             )  # fmt: skip
             style = "--" if line == NO_VALUE else "-"
             axes.plot(x / 1e6, smoothed(mean), style, color=colour, linewidth=1.6, label=f"{key} = {line}")
@@ -105,42 +105,56 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
 def plot_objectives(
     rows: Rows, key: str, bounds: dict[str, float | None], standing: tuple[float, float] | None, path: Path
 ) -> None:
-    """What the jobs of a sweep came to against one key, a panel for each objective (paper, fig:abl).
+    """Objectives of the jobs of a sweep against one key, a panel for each objective (paper, fig:abl).
 
     :param rows: ``objective``, ``line``, ``value``, ``mean``, ``low``, ``high``
     :param key: what ``value`` is of
     :param bounds: objective -> what it can reach at most, or None
-    :param standing: from where on the key lets a robot stand still in the slowest and in the fastest mode, or None
+    :param standing: values of the key above which a robot may stand still, in the slowest and the fastest mode, or None
     :param path: picture to write
     """
-    values = list(dict.fromkeys(row["value"] for row in rows))
-    places = _places(values)
+    places = _places(list(dict.fromkeys(row["value"] for row in rows)))
     lines = list(dict.fromkeys(row["line"] for row in rows))
     colours = dict(zip(lines, plt.get_cmap("tab10").colors * (1 + len(lines) // 10), strict=False))  # type: ignore[attr-defined]
-    figure, panels = plt.subplots(1, len(bounds), figsize=(5.2 * len(bounds), 3.8), layout="constrained")
-    for axes, (objective, bound) in zip(np.atleast_1d(panels), bounds.items(), strict=True):
+    figure, panels = panel_grid(len(bounds), len(bounds), 5.2, 3.8)
+    for axes, (objective, bound) in zip(panels, bounds.items(), strict=True):
         for line in lines:
-            mine = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
-            x = [places[row["value"]] for row in mine]
-            mean = np.array([row["mean"] for row in mine])
-            low, high = (np.array([row[end] for row in mine], dtype=float) for end in ("low", "high"))  # None: nan
-            spread = np.maximum([mean - low, high - mean], 0.0)  # not below 0, by rounding, where all seeds are equal
-            axes.errorbar(x, mean, spread, fmt="o-", color=colours[line], capsize=3, markersize=4, label=line or None)
+            of_line = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
+            _draw_means(axes, of_line, places, colours[line], line)
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")
         if standing is not None:
-            low, high = _between(places, standing)
-            axes.axvspan(low, high, color="0.93", linewidth=0, zorder=0)
-            axes.axvline(low, color="0.5", linestyle=":", label="v · horizon · control_dt")
-            axes.axvline(high, color="0.5", linestyle=":")
+            _mark_standing(axes, _between(places, standing))
+        _label_values(axes, places)
         axes.set(xlabel=key, ylabel=objective)
-        axes.set_xticks(list(places.values()), ["off" if value == NO_VALUE else value for value in places])
-        if max(map(len, places)) >= 8:
-            plt.setp(axes.get_xticklabels(), rotation=30, ha="right", rotation_mode="anchor")
         axes.grid(alpha=0.3)
-    handles = legend_entries(list(np.atleast_1d(panels)))
+    handles = legend_entries(panels)
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=max(min(len(handles), 5), 1))
     save(figure, path)
+
+
+def _draw_means(axes: Axes, rows: Rows, places: dict[str, int], colour: Any, label: str) -> None:
+    """Means with their intervals, joined by a line; what has no interval has a bar of no length."""
+    mean = np.array([row["mean"] for row in rows])
+    low, high = (np.array([row[end] for row in rows], dtype=float) for end in ("low", "high"))  # None: nan
+    errors = np.maximum([mean - low, high - mean], 0.0)  # not below 0, by rounding, where all seeds are equal
+    x = [places[row["value"]] for row in rows]
+    axes.errorbar(x, mean, errors, fmt="o-", color=colour, capsize=3, markersize=4, label=label or None)
+
+
+def _mark_standing(axes: Axes, ends: np.ndarray) -> None:
+    """Mark where a robot that stands still begins to stay inside the bound, for the slowest to the fastest mode."""
+    low, high = ends
+    axes.axvspan(low, high, color="0.93", linewidth=0, zorder=0)
+    axes.axvline(low, color="0.5", linestyle=":", label="v · horizon · control_dt")
+    axes.axvline(high, color="0.5", linestyle=":")
+
+
+def _label_values(axes: Axes, places: dict[str, int]) -> None:
+    """Write the values below the axis, aslant if they are long."""
+    axes.set_xticks(list(places.values()), ["off" if value == NO_VALUE else value for value in places])
+    if max(map(len, places)) >= 8:
+        plt.setp(axes.get_xticklabels(), rotation=30, ha="right", rotation_mode="anchor")
 
 
 def line_colours(lines: list[str]) -> dict[str, Any]:
@@ -151,7 +165,7 @@ def line_colours(lines: list[str]) -> dict[str, Any]:
 
 
 def _places(values: list[str]) -> dict[str, int]:
-    """Where values stand on an axis, side by side: numbers by size, then words as they come, then no value."""
+    """Places of values along an axis: numbers by size, then words in the order they come in, then no value."""
     return {value: i for i, value in enumerate(sorted(values, key=lambda v: (v == NO_VALUE, _number(v))))}
 
 
@@ -163,7 +177,7 @@ def _number(text: str) -> float:
 
 
 def _between(places: dict[str, int], numbers: tuple[float, float]) -> np.ndarray:
-    """Where positive numbers lie among those of an axis; beyond the last half a place from it."""
+    """Places of positive numbers between the values of an axis; half a place from the last for those above it."""
     known = {0.0: -0.5} | {_number(value): float(place) for value, place in places.items() if value != NO_VALUE}
     return np.interp(numbers, list(known), list(known.values()), right=len(known) - 1.5)
 

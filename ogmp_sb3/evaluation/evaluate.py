@@ -1,0 +1,150 @@
+"""Evaluate a policy on a task: metrics with confidence intervals, and what ended the episodes."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
+
+PRINTED_WIDTH = 100  # characters
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What episodes of a policy came to. ``print(evaluation)`` shows the tables of ``ogmp-eval``."""
+
+    metrics: Estimates
+    """every metric of the task over all episodes, and the ``true_objective``"""
+    groups: dict[str, Estimates]
+    """the metrics by the words among the parameters of the first mode, under ``parameter=word``"""
+    median_distance_m: float
+    """median displacement along the track, m"""
+    terminations: dict[str, int]
+    """how many episodes each rule ended"""
+    title: str = field(default="", compare=False)
+    """heading of the first table"""
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data, as in ``metrics.json``; without the title."""
+        return {
+            "metrics": estimates_as_data(self.metrics),
+            "groups": {group: estimates_as_data(metrics) for group, metrics in self.groups.items()},
+            "median_distance_m": self.median_distance_m,
+            "terminations": self.terminations,
+        }
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any], title: str = "") -> Evaluation:
+        """The evaluation in plain data, which may hold more than that.
+
+        :param data: of :meth:`as_data`, e.g. what ``metrics.json`` holds
+        :raises KeyError: if something is missing
+        """
+        groups = {group: estimates_from_data(metrics) for group, metrics in data["groups"].items()}
+        metrics = estimates_from_data(data["metrics"])
+        return cls(metrics, groups, data["median_distance_m"], data["terminations"], title)
+
+    def __rich__(self) -> Group:
+        """The tables, as Rich prints them."""
+        ended = ", ".join(f"{cause} {count}" for cause, count in self.terminations.items())
+        return Group(
+            _table(self.title, self.metrics),
+            *(_table(group, metrics) for group, metrics in self.groups.items()),
+            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m."),
+        )
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        Console(file=text, width=PRINTED_WIDTH, color_system=None).print(self)
+        return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+
+
+def _table(title: str, metrics: Estimates) -> Table:
+    table = Table(title=title, title_justify="left")
+    for column in ("metric", "mean", "std", "95 % interval", "n"):
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for name, each in metrics.items():
+        mean, std, interval = as_text([each.mean]), as_text([each.std]), as_text([each.low, each.high], 3, " .. ")
+        table.add_row(name, mean, std, interval, str(each.n))
+    return table
+
+
+def evaluate(
+    policy: AnyPolicy,
+    task: str | Path | TaskConfig,
+    episodes: int = 100,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Evaluate a policy by the test protocol of a task, as ``ogmp-eval`` does.
+
+    :param policy: a model, a policy or a loaded policy (:data:`~ogmp_sb3.env.agent.AnyPolicy`)
+    :param task: name of a task, path of a task file, or a task; its section ``evaluation`` is the test protocol. For
+        episodes of another kind there are :func:`~ogmp_sb3.evaluation.episodes.play_episodes` and :func:`measure`
+    :param episodes: how many
+    :param seed: episode ``i`` is seeded with ``seed + i``
+    :param progress: called with the number of episodes that have just ended
+    :raises KeyError: for an unknown task
+    :raises ValueError: if the policy does not fit the task, or for less than one episode
+    """
+    if episodes < 1:
+        raise ValueError(f"'episodes' must be at least 1, found {episodes}.")
+    tested = (task if isinstance(task, TaskConfig) else load_task(task)).for_evaluation()
+    return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress))
+
+
+def measure(task: TaskConfig, records: list[EpisodeRecord]) -> Evaluation:
+    """The evaluation of episodes that were played.
+
+    :param task: the task they were played on
+    """
+    causes = [record.termination for record in records]
+    return Evaluation(
+        metrics=estimates(task, records),
+        groups=estimates_by_word(task, records),
+        median_distance_m=float(np.median([registry.metrics.get("distance_m")(record) for record in records])),
+        terminations={cause: causes.count(cause) for cause in sorted(set(causes))},
+        title=heading(task.name, len(records), task.physics_dt),
+    )
+
+
+def heading(task: str, episodes: int, physics_dt: float) -> str:
+    """The title of an evaluation.
+
+    :param physics_dt: physics step, s; accelerations depend on it
+    """
+    return f"{task}, {episodes} episodes, physics step {physics_dt} s"
+
+
+def estimates(task: TaskConfig, records: list[EpisodeRecord]) -> Estimates:
+    """Every metric of the task over episodes, with the true objective."""
+    by_name = {name: estimate(registry.metrics.get(name)(r) for r in records) for name in task.evaluation.metrics}
+    by_name["true_objective"] = estimate(registry.objectives.get(task.objective)(r) for r in records)
+    return by_name
+
+
+def estimates_by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Estimates]:
+    """The metrics for each word among the parameters of an episode's first mode (dive: for each direction).
+
+    :return: by ``parameter=word``
+    """
+    groups: dict[str, list[EpisodeRecord]] = {}
+    for record in records:
+        for key, value in record.modes[0].items():
+            if key != "mode" and isinstance(value, str):
+                groups.setdefault(f"{key}={value}", []).append(record)
+    return {group: estimates(task, members) for group, members in sorted(groups.items())}

@@ -1,0 +1,86 @@
+"""Evaluate a policy in one call, and what an evaluation says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ogmp_sb3
+from helpers.learners import make_policy
+from helpers.programs import program
+from helpers.records import record
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.evaluation.evaluate import Evaluation, estimates_by_word, evaluate, measure
+from ogmp_sb3.runs.policies import load_policy
+
+DIVE = load_task("dive")
+
+
+class Standing:
+    """A policy that holds the nominal pose."""
+
+    def predict(self, observation: np.ndarray, *_: Any, **__: Any) -> tuple[np.ndarray, None]:
+        return np.zeros((len(observation), 10)), None
+
+
+def test_the_function_gives_what_the_program_prints_and_writes(tmp_path: Path) -> None:
+    make_policy(tmp_path / "policy", "dive", 1)
+    done = program("eval", "run=policy", "episodes=5", "out=out", "evaluation.episode_steps=15", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    task = load_task("dive", {"evaluation.episode_steps": 15})
+    evaluation = ogmp_sb3.evaluate(load_policy(tmp_path / "policy"), task, episodes=5)
+    printed = done.stdout.splitlines()
+    assert printed[-1] == str(Path("out") / "metrics.json")
+    assert str(evaluation).splitlines() == [line.rstrip() for line in printed[:-1]]
+    written = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert evaluation.as_data() == {key: written[key] for key in evaluation.as_data()}
+    assert Evaluation.from_data(written) == evaluation
+
+
+def test_a_task_by_name_or_as_it_is_in_training_is_played_by_its_test_protocol() -> None:
+    task = load_task("parkour", {"evaluation.episode_steps": 12, "evaluation.terminations.fall": None})
+    assert (task.rho, task.episode_steps) != (None, 12)
+    ended: list[int] = []
+    evaluation = evaluate(Standing(), task, episodes=2, seed=3, progress=ended.append)  # type: ignore[arg-type]
+    assert evaluation == evaluate(Standing(), task.for_evaluation(), episodes=2, seed=3)  # type: ignore[arg-type]
+    assert (evaluation.terminations, sum(ended)) == ({"time_limit": 2}, 2)
+    assert evaluate(Standing(), "dive", episodes=1).title == "dive, 1 episodes, physics step 0.002 s"  # type: ignore[arg-type]
+
+
+def test_mistakes_are_one_sentence() -> None:
+    with pytest.raises(KeyError, match=r"parkuor.*Did you mean 'parkour'"):
+        evaluate(Standing(), "parkuor")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="'episodes' must be at least 1, found 0"):
+        evaluate(Standing(), "dive", episodes=0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"the task shows [0-9]+ numbers, but the policy observes [0-9]+"):
+        evaluate(load_policy("parkour"), "dive", episodes=1)
+
+
+def test_an_evaluation_counts_what_ended_the_episodes_and_has_the_median_distance() -> None:
+    ends = [np.outer(np.ones(151), [x, 0.0, 0.0]) for x in (1.0, 2.0, 4.0)]
+    for way in ends:
+        way[0] = 0.0
+    causes = ("fall", "time_limit", "fall")
+    records = [record(base_pos_w=way, termination=cause) for way, cause in zip(ends, causes, strict=True)]
+    evaluation = measure(DIVE.for_evaluation(), records)
+    assert evaluation.terminations == {"fall": 2, "time_limit": 1}
+    assert evaluation.median_distance_m == 2.0
+    assert evaluation.metrics["true_objective"].mean == pytest.approx(1 / 3)
+    assert "Ended by: fall 2, time_limit 1. Median distance 2.00 m." in str(evaluation)
+
+
+def test_each_word_of_the_first_mode_has_its_metrics() -> None:
+    records = [record("left"), record("front", 0.0), record("left", 0.0)]
+    groups = estimates_by_word(DIVE, records)
+    assert list(groups) == ["r=front", "r=left"]
+    assert (groups["r=left"]["success_rate"].mean, groups["r=left"]["success_rate"].n) == (0.5, 2)
+
+
+def test_evaluations_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    each = {"mean": 1.0, "std": None, "n": 1, "ci95": [None, None]}
+    data = {"metrics": {"return": each}, "groups": {}, "median_distance_m": 0.0, "terminations": {"fall": 1}}
+    assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == data

@@ -1,0 +1,90 @@
+"""A policy with its evaluations, which are kept and found again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.learners import make_policy
+from helpers.programs import program
+from ogmp_sb3.evaluation.evaluate import Evaluation
+from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
+from ogmp_sb3.evaluation.grid import read_grid
+from ogmp_sb3.evaluation.statistics import Estimate, estimate
+from ogmp_sb3.runs.policies import load_policy
+
+SHORT = "evaluation.episode_steps=20"
+MEASURED = Evaluation({"return": estimate([1.0, 2.0])}, {}, 0.5, {"fall": 2})
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_policy(tmp_path_factory.mktemp("evaluated") / "policy", "parkour", 1)
+
+
+@pytest.fixture
+def copy(policy: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(policy, tmp_path / "policy")
+
+
+def subject(folder: Path, *overrides: str) -> EvaluatedPolicy:
+    return EvaluatedPolicy(load_policy(folder), list(overrides), folder)
+
+
+def fail(*arguments: Any, **named: Any) -> None:
+    raise AssertionError("played again")
+
+
+def test_what_was_measured_before_is_not_played_again(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = subject(copy, SHORT)
+    grid = read_grid("jump.w:0.2:0.4:2,jump.h:0.2:0.3:1", first.task, first.loaded.task)
+    evaluation, cells = first.evaluation(2, 0, lambda n: None), first.grid(grid, 1, 0, lambda n: None)
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate_cell", fail)
+    ended: list[int] = []
+    again = subject(copy, SHORT)
+    assert again.evaluation(2, 0, ended.append) == evaluation
+    assert again.grid(grid, 1, 0, ended.append) == cells
+    assert ended == [2, 1, 1]
+    for episodes, seed in ((3, 0), (2, 1)):
+        with pytest.raises(AssertionError, match="played again"):
+            again.evaluation(episodes, seed, ended.append)
+
+
+def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert program("eval", f"run={copy}", "episodes=3", SHORT, cwd=tmp_path).returncode == 0
+    left = json.loads((copy / "evaluation" / "metrics.json").read_text())
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments, **named: MEASURED)
+    found = subject(copy, SHORT).evaluation(3, 0, lambda n: None)
+    assert found.as_data() == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
+    for overrides, episodes, seed in (([], 3, 0), ([SHORT], 2, 0), ([SHORT], 3, 1)):
+        assert subject(copy, *overrides).evaluation(episodes, seed, lambda n: None) == MEASURED
+    for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}, {"groups": None}):
+        (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
+        (copy / "evaluation" / "results.jsonl").unlink()
+        assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == MEASURED
+
+
+def test_results_lie_in_the_file_as_plain_data(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments, **named: MEASURED)
+    subject(copy, SHORT).evaluation(3, 0, lambda n: None)
+    (line,) = filter(None, (copy / "evaluation" / "results.jsonl").read_text().splitlines())
+    assert json.loads(line)["result"]["metrics"]["return"] == estimate([1.0, 2.0]).as_data()
+
+
+def test_traces_have_their_seeds_and_a_bound_that_is_asked_for_ends_them(copy: Path) -> None:
+    traces = subject(copy, SHORT).traces(2, 5)
+    assert [trace.title.split(",")[0] for trace in traces] == ["seed 5", "seed 6"]
+    (bound,) = subject(copy, SHORT).traces(1, 5, "bound", ("rho=0.001",))
+    assert (bound.ended, bound.rho) == ("bound", 0.001)
+
+
+def test_policies_are_ranked_by_the_true_objective_then_the_return() -> None:
+    metrics = {"return": Estimate(5.0, None, 1, None, None), "true_objective": Estimate(2.0, None, 1, None, None)}
+    assert rank_key(Evaluation(metrics, {}, 0.0, {})) == [2.0, 5.0]

@@ -1,0 +1,43 @@
+"""What pictures of the guidance show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from helpers.figures import drawn_figures
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.report.plots import guidance
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    return drawn_figures(monkeypatch, guidance)
+
+
+def test_references_are_heights_over_time_with_the_set_points(figures: list[Figure]) -> None:
+    heights = {"lqr": np.array([0.5, 0.6, 0.7]), "mine": np.array([0.5, 0.4, 0.3])}
+    panel = ("jump", np.array([True, False]), np.array([0.5, 0.5, 0.8]), heights)
+    guidance.plot_references([panel], 0.03, Path("unused"))
+    (axes,) = figures[0].axes
+    lines = {line.get_label(): line for line in axes.lines}
+    assert list(lines) == ["set-points", "lqr", "mine"]
+    np.testing.assert_allclose(lines["lqr"].get_xydata(), [[0.0, 0.5], [0.03, 0.6], [0.06, 0.7]])
+    assert len(axes.patches) == 1  # one step in stance
+
+
+def test_latents_have_a_panel_for_all_modes_and_one_for_each_parameter_that_varies(figures: list[Figure]) -> None:
+    calls = [ModeCall("jump", {"w": 0.3, "h": h}) for h in (0.1, 0.2)]
+    calls += [ModeCall("flip", {"r": word}) for word in ("left", "front", "left")]
+    latents = np.arange(10.0).reshape(5, 2)
+    guidance.plot_latents(latents, calls, Path("unused"))
+    panels = [axes for axes in figures[0].axes if axes.get_title()]  # the others are bars of colours
+    assert [axes.get_title() for axes in panels] == ["all modes", "jump: h", "flip: r (front, left)"]
+    both, jump, flip = panels
+    np.testing.assert_allclose([marks.get_offsets().tolist() for marks in both.collections[:1]], [latents[:2].tolist()])
+    np.testing.assert_allclose(both.collections[1].get_offsets(), latents[2:])
+    np.testing.assert_allclose(jump.collections[0].get_array(), [0.1, 0.2])
+    np.testing.assert_allclose(flip.collections[0].get_array(), [1, 0, 1])
