@@ -255,6 +255,9 @@ class BatchEnv:
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return snapshots.restored, (type(self), (self.task, self.num_envs, 0, self.sim.threads), self.state())
+
     def _parts(self) -> dict[str, snapshots.Part]:
         """What has a state of its own, by the prefix of its arrays in a saved state."""
         return {"": self.guide, "disturbances.": self.disturbances, "restarts.": self.restarts}
