@@ -165,7 +165,8 @@ def _train(
     remaining = config.total_timesteps - model.num_timesteps
     try:
         if remaining > 0:
-            model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)
+            never: Any = None  # to SB3, though its annotation knows numbers only
+            model.learn(remaining, callback=CallbackList(callbacks), log_interval=never, reset_num_timesteps=False)
             checkpoints.save_last()
     except StopTraining:
         checkpoints.save_last()
