@@ -1,4 +1,20 @@
-"""Oracle Guided Multi-mode Policies for legged robots, as a plug-in for Stable-Baselines3."""
+"""Oracle Guided Multi-mode Policies for legged robots, as a plug-in for Stable-Baselines3.
+
+Train on environments of a task, and test the policy that ships::
+
+    from ogmp_sb3 import load_policy, make_env, make_model, play_episodes
+
+    env = make_env("parkour", num_envs=64, rho=0.4)  # an SB3 VecEnv; any key of the task file may be replaced
+    model = make_model(env, learning_rate=1e-4)  # the RecurrentPPO of ogmp-train
+    model.learn(100_000)
+    model.save("my_policy.zip")
+
+    loaded = load_policy("parkour")
+    for episode in play_episodes(loaded.policy, loaded.task.for_evaluation(), episodes=4, seed=0):
+        print(episode.steps, episode.termination)
+
+Modes, oracles and terms of your own: :mod:`ogmp_sb3.extend`.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
@@ -60,8 +77,16 @@ _LATER = {
 
 import_mujoco()
 
-for _name in ("Parkour", "Dive", "Stairs"):
-    gymnasium.register(f"OGMP/{_name}-v0", entry_point="ogmp_sb3.sb3.gym_env:OgmpEnv", kwargs={"task": _name.lower()})
+for _name in (path.stem for path in sorted(TASKS_DIR.glob("*.yaml"))):
+    gymnasium.register(
+        f"OGMP/{_name.title().replace('_', '')}-v0",
+        entry_point="ogmp_sb3.sb3.gym_env:OgmpEnv",
+        kwargs={"task": _name},
+    )
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -67,6 +67,8 @@ def plugin_of(entry: EntryPoint, folder: Path | None = None, error: Exception | 
     """What is known of a plug-in."""
     assert entry.dist is not None
     reason = None if error is None else " ".join(f"{type(error).__name__}: {error}".split())
+    if isinstance(error, ImportError) and str(error.name).partition(".")[0] == "ogmp_sb3":  # a module that has moved
+        reason = f"{reason}; import from ogmp_sb3.extend"
     return Plugin(entry.name, entry.dist.name, entry.dist.version, folder, reason)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
+from ogmp_sb3.env.terms import bind
 from ogmp_sb3.env.view import EnvView, deviation, srb_state
 from ogmp_sb3.guidance.guide import Guide
 from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, mode_calls, plain_modes
@@ -46,11 +46,6 @@ class StepResult:
     """each reward term, shape (num_envs,)"""
 
 
-def _bind(kinds: registry.Registry[Any], terms: dict[str, dict[str, Any] | None]) -> dict[str, Any]:
-    """Terms in use with their parameters bound."""
-    return {name: partial(kinds.get(name), **given) for name, given in terms.items() if given is not None}
-
-
 class BatchEnv:
     """``num_envs`` environments of a task.
 
@@ -69,9 +64,9 @@ class BatchEnv:
         self.task, self.num_envs = task, num_envs
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.guide = Guide(task, num_envs)
-        self._observations = _bind(registry.observations, task.observations)
-        self._rewards = _bind(registry.rewards, task.rewards)
-        self._terminations = _bind(registry.terminations, task.terminations)
+        self._observations = bind(registry.observations, task.observations)
+        self._rewards = bind(registry.rewards, task.rewards)
+        self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
         self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
@@ -259,6 +254,9 @@ class BatchEnv:
         snapshots.put_back(self._own_arrays(), arrays)
         for generator, state in zip(self._rng, plain["generators"], strict=True):
             generator.bit_generator.state = state
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return snapshots.restored, (type(self), (self.task, self.num_envs, 0, self.sim.threads), self.state())
 
     def _parts(self) -> dict[str, snapshots.Part]:
         """What has a state of its own, by the prefix of its arrays in a saved state."""

@@ -29,7 +29,7 @@ class Simulation:
     """
 
     def __init__(self, robot: RobotConfig, num_envs: int, physics_dt: float, terrain_boxes: int, threads: int) -> None:
-        self.model = build_model(robot, physics_dt, terrain_boxes)
+        self.model, self.threads = build_model(robot, physics_dt, terrain_boxes), threads
         self.mj = Batch(self.model, nsim=num_envs, nthread=threads)
         self.qpos = self.mj.bind("qpos")
         self.qvel = self.mj.bind("qvel")

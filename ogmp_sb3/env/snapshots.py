@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -52,3 +52,10 @@ def unpack(arrays: Sequence[np.ndarray], rows: np.ndarray, packed: np.ndarray) -
         size = int(np.prod(array.shape[1:]))
         array[rows] = packed[:, used : used + size].reshape(-1, *array.shape[1:])
         used += size
+
+
+def restored(kind: Callable[..., Any], arguments: tuple[Any, ...], state: tuple[Any, ...]) -> Any:
+    """What :mod:`copy` and :mod:`pickle` make again: a ``kind`` of these arguments, put back to a saved state."""
+    made = kind(*arguments)
+    made.set_state(*state)
+    return made

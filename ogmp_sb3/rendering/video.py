@@ -53,7 +53,7 @@ def _stride(frames: int, path: Path) -> int:
 
 
 def write_video(
-    frames: list[Frame], task: TaskConfig, path: Path, progress: Callable[[int], object] | None = None
+    frames: list[Frame], task: TaskConfig, path: str | Path, progress: Callable[[int], object] | None = None
 ) -> None:
     """Draw frames and write them to a file.
 
@@ -63,6 +63,7 @@ def write_video(
     :param progress: called with the number of pictures that have just been drawn
     :raises ValueError: for another ending, or if there is no OpenGL
     """
+    path = Path(path)
     check_suffix(path)
     kind, stride = FORMATS[path.suffix], _stride(len(frames), path)
     terrain, frames = whole_terrain(frames)[::stride], frames[::stride]

@@ -134,6 +134,7 @@ class ProgressBar(BaseCallback):
     def __init__(self, total: int) -> None:
         super().__init__()
         self.total = total
+        self.bar: Any = None
 
     def _on_training_start(self) -> None:
         self.bar = progress_bar(self.total, "sample", self.num_timesteps)
@@ -149,4 +150,9 @@ class ProgressBar(BaseCallback):
             self.bar.set_postfix_str(f"return {reward:.1f}, length {length:.0f}", refresh=False)
 
     def _on_training_end(self) -> None:
-        self.bar.close()
+        self.close()
+
+    def close(self) -> None:
+        """Leave the line of the bar, also where a mistake has ended the training."""
+        if self.bar is not None:
+            self.bar.close()

@@ -41,6 +41,7 @@ from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy_average import PolicyAverage
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
+NEVER: Any = None  # of SB3's own logging; its annotation knows numbers only
 LOG_EVERY = 16_384  # samples between two rows of progress.csv, or a twentieth of a short run
 
 
@@ -131,6 +132,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     model = make_model(env, config.ppo, config.seed)
     origin = {"task": job.task_data, "task_file": task.file, "versions": versions()}
     callbacks, checkpoints = _callbacks(job, origin)
+    progress = ProgressBar(config.total_timesteps)
     checkpoints.model = model
     if checkpoint is not None:
         checkpoints.restore(checkpoint)
@@ -141,10 +143,15 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     if checkpoint is not None:
         print(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
-    with _stop_on_signals(checkpoints), closing(model.logger):
+    with _stop_on_signals(checkpoints), closing(model.logger), closing(progress):
         try:
             if remaining > 0:
-                model.learn(remaining, callback=CallbackList(callbacks), log_interval=None, reset_num_timesteps=False)
+                model.learn(
+                    remaining,
+                    callback=CallbackList([*callbacks, progress]),
+                    log_interval=NEVER,
+                    reset_num_timesteps=False,
+                )
                 checkpoints.save_last()
         except StopTraining:
             checkpoints.save_last()
@@ -155,7 +162,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
 
 
 def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
-    """What watches a training, in the order it is called, and the one of them that saves.
+    """What counts and saves in a training, in the order it is called, and the one of them that saves.
 
     :param origin: plain data for the files: the task, where it is from, the versions
     """
@@ -165,7 +172,7 @@ def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Ch
     unstable = UnstableSteps(run_dir / UNSTABLE, config.seed, origin)
     average = PolicyAverage(config.policy_average) if config.policy_average else None
     checkpoints = Checkpoints(run_dir, config, {**origin, "seed": config.seed}, statistics, unstable, average)
-    callbacks: list[BaseCallback] = [checkpoints, unstable, statistics, ProgressBar(config.total_timesteps)]
+    callbacks: list[BaseCallback] = [checkpoints, unstable, statistics]
     if average is not None:
         callbacks.insert(0, average)  # a checkpoint has the average with the last update
     return callbacks, checkpoints

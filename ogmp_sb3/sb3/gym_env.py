@@ -45,8 +45,24 @@ def render_metadata(task: TaskConfig) -> dict[str, Any]:
     return {"render_modes": list(RENDER_MODES), "render_fps": round(1 / task.control_dt)}
 
 
-class OgmpEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class Copied:
+    """Environments whose copies (``copy.deepcopy``, ``pickle``) go on where they are; each draws its own pictures."""
+
+    batch: BatchEnv
+    _pictures: Pictures
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_pictures"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._pictures = Pictures(self.batch)
+
+
+class OgmpEnv(Copied, gymnasium.Env[np.ndarray, np.ndarray]):
     """One environment of a task, for Gymnasium.
+
+    A copy (``copy.deepcopy``, ``pickle``) goes on exactly where the original is, without its commands.
 
     :param task: a task, the name of a shipped one or of one in a plug-in, or the path of a YAML file
     :param render_mode: ``"rgb_array"``, to draw pictures, or None

@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import asdict
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv
 
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 
+K = TypeVar("K", bound=StockRecurrentPPO)
+
+
+@overload
+def make_model(
+    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, **hyperparameters: float | None
+) -> RecurrentPPO: ...
+
+
+@overload
+def make_model(
+    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, *, kind: type[K], **hyperparameters: float | None
+) -> K: ...
+
 
 def make_model(
-    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: type[StockRecurrentPPO] = RecurrentPPO
+    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: Any = RecurrentPPO, **hyperparameters: Any
 ) -> Any:
     """A recurrent policy that has learned nothing yet, and what trains it.
 
@@ -24,9 +41,16 @@ def make_model(
     :param ppo: hyper-parameters; None: those of ``ogmp-train``
     :param seed: of the networks
     :param kind: the learner's class: ours, or sb3-contrib's
+    :param hyperparameters: replace some of ``ppo`` by name, e.g. ``learning_rate=1e-4, n_steps=32``; the names are
+        the fields of :class:`~ogmp_sb3.sb3.hyperparameters.PPOConfig`
     :return: a ``kind``
+    :raises KeyError: for an unknown hyper-parameter
+    :raises TypeError: for a hyper-parameter of the wrong type
+    :raises ValueError: for one that is out of range
     """
     ppo = ppo or default_ppo()
+    if hyperparameters:
+        ppo = read(PPOConfig, {**asdict(ppo), **hyperparameters}, Where("make_model"))
     batch: BatchEnv = env.get_attr("batch")[0]
     action = batch.task.action
     noise = float(np.log(action.noise / action.scale))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,19 @@ import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
+from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.strict import check_range, read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.endings import UNSTABLE
 from ogmp_sb3.env.failed_step import capture
 from ogmp_sb3.rendering.painter import Pictures
-from ogmp_sb3.sb3.gym_env import check_render_mode, loaded_task, render_metadata, spaces_of
+from ogmp_sb3.sb3.gym_env import Copied, check_render_mode, loaded_task, render_metadata, spaces_of
+
+SETTABLE = ("level", "render_mode", "rho")  # by set_attr
 
 
-class OgmpVecEnv(VecEnv):
+class OgmpVecEnv(Copied, VecEnv):
     """Many environments of a task as one SB3 ``VecEnv``; episodes reset themselves, time-outs are truncations.
 
     ``infos[i]`` holds ``deviation`` (the weighted norm that the bound is about) and ``termination`` (the rule that
@@ -28,6 +33,8 @@ class OgmpVecEnv(VecEnv):
     ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
     before an earlier fall is called ``restart`` instead. A simulation that fails ends its own episode as
     ``unstable``, with the :class:`~ogmp_sb3.env.failed_step.UnstableStep` in ``unstable``; the others go on.
+
+    A copy (``copy.deepcopy``, ``pickle``) goes on exactly where the original is, without its commands.
 
     :param task: the task
     :param num_envs: number of environments
@@ -139,10 +146,45 @@ class OgmpVecEnv(VecEnv):
         self._pictures.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+        """An attribute of some environments; ``rho`` is the permissible-state bound, ``level`` the curriculum's.
+
+        :raises AttributeError: if there is none of this name
+        """
+        rows = self._get_indices(indices)
+        if attr_name == "level":
+            return [float(self.batch.level[row]) for row in rows]
+        value = self.batch.task.rho if attr_name == "rho" else getattr(self, attr_name)
+        return [value for _ in rows]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        setattr(self, attr_name, value)
+        """Change environments while they run.
+
+        :param attr_name: ``rho``, the permissible-state bound, from the next step on; ``level``, the curriculum's,
+            which the modes that are drawn next follow, until it moves on; or ``render_mode``
+        :param value: one for all of ``indices``; a level lies from 0 to 1
+        :param indices: which environments, None for all; only levels may differ
+        :raises AttributeError: for any other attribute
+        :raises TypeError: for a value of the wrong type
+        :raises ValueError: for a value out of range, or ``indices`` that leave environments out
+        """
+        if attr_name not in SETTABLE:
+            raise AttributeError(f"environments have no '{attr_name}' to set{did_you_mean(attr_name, SETTABLE)}")
+        rows, where = sorted(set(self._get_indices(indices))), Where("set_attr", attr_name)
+        if attr_name == "level":
+            if self.batch.task.curriculum is None:
+                raise ValueError("'level' changes nothing: the task has no curriculum.")
+            level = read(float, value, where)
+            check_range("level", level, 0.0, 1.0)
+            self.batch.level[rows] = level
+        elif rows != list(range(self.num_envs)):
+            raise ValueError(
+                f"'{attr_name}' is one for all {self.num_envs} environments, found 'indices' of {len(rows)}."
+            )
+        elif attr_name == "rho":
+            self.batch.task = replace(self.batch.task, rho=read(float | None, value, where))  # type: ignore[arg-type]
+        else:
+            check_render_mode(value)
+            self.render_mode = value
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         return [getattr(self, method_name)(*args, **kwargs) for _ in self._get_indices(indices)]

@@ -23,6 +23,7 @@ from jsonschema import Draft202012Validator
 
 import ogmp_sb3
 from helpers.paths import ROOT
+from helpers.plugins import lay
 from helpers.programs import script
 from ogmp_sb3.config import plugins, registry
 from ogmp_sb3.config.catalogue import task_names, task_path
@@ -61,17 +62,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: None) -> In
     monkeypatch.syspath_prepend(tmp_path)
 
     def install(name: str, files: dict[str, str], entry: str = "") -> Path:
-        files = {
-            f"{name}-1.2.dist-info/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n",
-            f"{name}-1.2.dist-info/entry_points.txt": f"[ogmp_sb3.plugins]\nof_{name} = {entry or name}\n",
-            **{f"{name}/{path}": text for path, text in files.items()},
-        }
-        for path, text in files.items():
-            file = tmp_path / path
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text)
-        importlib.invalidate_caches()
-        return tmp_path / name
+        return lay(tmp_path, name, files, entry)
 
     return install
 
@@ -178,6 +169,21 @@ def test_a_broken_plugin_breaks_nobody_else(broken: None) -> None:
 def test_a_broken_plugin_leaves_nothing_behind(broken: None) -> None:
     assert "limp" not in registry.modes.names()
     assert "limping" not in task_names()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("from ogmp_sb3.registry import modes", "No module named 'ogmp_sb3.registry'"),
+        ("from ogmp_sb3.guidance.modes import jump_up", "cannot import name 'jump_up' from 'ogmp_sb3.guidance.modes'"),
+    ],
+)
+def test_a_plugin_that_misses_a_module_of_ours_is_told_where_to_import_from(
+    install: Install, line: str, said: str
+) -> None:
+    install("plug_old", {"__init__.py": line})
+    with pytest.raises(KeyError, match=rf"is broken \(\w+: {said}.*; import from ogmp_sb3\.extend\)\."):
+        registry.modes.get("skip")
 
 
 @pytest.mark.parametrize("entry", ["plug_a:VALUE", "plug_empty"])

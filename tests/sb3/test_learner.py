@@ -45,3 +45,26 @@ def test_sb3_contribs_own_learner_gets_the_same_network_and_noise() -> None:
     assert stock.policy.state_dict().keys() == ours.policy.state_dict().keys()
     assert (stock.policy.log_std == ours.policy.log_std).all()
     assert stock.lr_schedule(1.0) == ours.lr_schedule(1.0) == 3e-4
+
+
+def test_hyper_parameters_are_given_by_name_on_top_of_those_of_ogmp_train_or_of_others() -> None:
+    env = make_env("parkour", 2)
+    model = make_model(env, learning_rate=1e-4, n_steps=16, batch_size=32, lstm_hidden_size=8)
+    assert (model.n_steps, model.batch_size, model.lr_schedule(1.0)) == (16, 32, 1e-4)
+    assert model.policy.lstm_actor.hidden_size == 8
+    assert model.gamma == default_ppo().gamma
+    on_top = make_model(env, replace(default_ppo(), gamma=0.9, n_steps=64), batch_size=32, n_steps=16)
+    assert (on_top.gamma, on_top.n_steps, on_top.batch_size) == (0.9, 16, 32)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"learning_rat": 1e-4}, KeyError, "'learning_rat' is not a known key .*Did you mean 'learning_rate'"),
+        ({"n_steps": 1.5}, TypeError, "'n_steps' must be a whole number, found the number 1.5"),
+        ({"gamma": 2.0}, ValueError, "'gamma' must be at most 1, found 2"),
+    ],
+)
+def test_a_mistake_in_a_hyper_parameter_is_a_sentence(given: dict[str, float], error: type[Exception], message: str):
+    with pytest.raises(error, match=message):
+        make_model(make_env("parkour"), **given)

@@ -1,6 +1,9 @@
 """The environment as Stable-Baselines3 and Gymnasium see it."""
 
+import copy
+import pickle
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -13,6 +16,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 import ogmp_sb3
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.sb3.gym_env import OgmpEnv
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
@@ -61,7 +65,12 @@ def test_stable_baselines3_s_own_check_passes_without_a_warning(name: str) -> No
         stable_baselines3.common.env_checker.check_env(OgmpEnv(name), warn=True)
 
 
-@pytest.mark.parametrize("name", ["Parkour", "Dive"])
+def test_gymnasium_knows_every_task_that_ships() -> None:
+    registered = {name for name in gymnasium.registry if name.startswith("OGMP/")}
+    assert registered == {f"OGMP/{name.title().replace('_', '')}-v0" for name in TASKS}
+
+
+@pytest.mark.parametrize("name", ["Parkour", "Dive", "Stairs"])
 @pytest.mark.parametrize("module", ["", "ogmp_sb3:"])
 def test_gymnasium_makes_the_registered_tasks(name: str, module: str) -> None:
     with gymnasium.make(f"{module}OGMP/{name}-v0") as env:
@@ -239,8 +248,8 @@ def test_what_was_handed_out_does_not_change_later() -> None:
         for array in (observation, reward, *(i["terminal_observation"] for i in infos if "terminal_observation" in i)):
             kept.append(array)
             copies.append(array.copy())
-    for array, copy in zip(kept, copies, strict=True):
-        np.testing.assert_array_equal(array, copy)
+    for array, before in zip(kept, copies, strict=True):
+        np.testing.assert_array_equal(array, before)
 
 
 def test_seeding_repeats_a_rollout_and_resetting_again_does_not() -> None:
@@ -261,13 +270,138 @@ def test_attributes_and_methods_are_reached_through_sb3_s_doors() -> None:
     vec = make_env("parkour", 3)
     assert vec.get_attr("num_envs") == [3, 3, 3]
     assert vec.get_attr("render_mode", indices=1) == [None]
-    vec.set_attr("a_note", 7)
-    assert vec.get_attr("a_note", indices=[0, 2]) == [7, 7]
+    vec.set_attr("render_mode", "rgb_array")
+    assert vec.get_attr("render_mode", indices=[0, 2]) == ["rgb_array", "rgb_array"]
     assert vec.env_method("env_is_wrapped", VecMonitor, indices=[0]) == [[False, False, False]]
     assert vec.env_is_wrapped(VecMonitor) == [False] * 3
     with pytest.raises(AttributeError):
         vec.get_attr("no_such_thing")
     vec.close()
+
+
+def test_the_bound_can_change_while_the_environments_run() -> None:
+    vec = make_env("parkour", 3, seed=SEED, rho=None, min_step_reward=None)
+    vec.reset()
+    _, _, done, infos = vec.step(actions(1, 3)[0])
+    assert not done.any()
+    nearest = min(info["deviation"] for info in infos)
+    vec.set_attr("rho", nearest / 2)
+    assert vec.get_attr("rho") == [nearest / 2] * 3
+    assert vec.get_attr("rho", indices=1) == [nearest / 2]
+    _, _, done, infos = vec.step(actions(2, 3)[1])
+    assert [info["termination"] == "bound" for info in infos] == [info["deviation"] > nearest / 2 for info in infos]
+    assert done.any()
+    vec.set_attr("rho", None, indices=range(3))
+    assert vec.get_attr("rho") == [None] * 3
+
+
+def test_levels_of_the_curriculum_can_change_each() -> None:
+    vec = make_env("parkour", 3, seed=SEED)
+    vec.reset()
+    assert vec.get_attr("level") == [0.0, 0.0, 0.0]
+    vec.set_attr("level", 0.5, indices=[0, 2])
+    vec.set_attr("level", 1, indices=1)
+    assert vec.get_attr("level") == [0.5, 1.0, 0.5]
+    assert vec.get_attr("level", indices=2) == [0.5]
+    vec.reset()
+    assert vec.get_attr("level") == [0.5, 1.0, 0.5]
+    other = make_env("parkour", 3, seed=SEED)
+    other.reset(), other.reset()
+    assert vec.batch.modes != other.batch.modes
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "indices", "error", "message"),
+    [
+        ("nonsense", 1, None, AttributeError, r"no 'nonsense' to set \(allowed: level, render_mode, rho\)\.$"),
+        ("rh", 1, None, AttributeError, "Did you mean 'rho'"),
+        ("rho", 0.3, [0, 1], ValueError, "'rho' is one for all 3 environments, found 'indices' of 2"),
+        ("rho", -1.0, None, ValueError, "'rho' must be above 0"),
+        ("rho", "tight", None, TypeError, "'rho' must be a number, found the text 'tight'"),
+        ("level", 1.5, None, ValueError, "'level' must be at most 1, found 1.5"),
+        ("level", None, 0, TypeError, "'level' must be a number, found nothing"),
+        ("render_mode", "human", None, ValueError, "unknown render mode 'human'"),
+    ],
+)
+def test_what_cannot_be_set_is_a_sentence(
+    name: str, value: Any, indices: Any, error: type[Exception], message: str
+) -> None:
+    vec = make_env("parkour", 3)
+    with pytest.raises(error, match=message):
+        vec.set_attr(name, value, indices)
+    assert vec.get_attr("rho") == [load_task("parkour").rho] * 3
+    assert vec.get_attr("level") == [0.0] * 3
+
+
+def test_a_level_without_a_curriculum_is_a_sentence() -> None:
+    with pytest.raises(ValueError, match="'level' changes nothing: the task has no curriculum"):
+        make_env("parkour", curriculum=None).set_attr("level", 0.5)
+
+
+# ---- copies ----
+
+
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
+}
+
+
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize("name", TASKS)
+def test_a_copy_of_many_environments_goes_on_bit_for_bit(name: str, way: str) -> None:
+    vec = OgmpVecEnv(load_task(name, overrides(name)), 3, SEED, threads=1)
+    vec.reset()
+    for command in actions(20, 3):
+        vec.step(command)
+    again = COPIES[way](vec)
+    for command in actions(40, 3, 0.4):
+        for expected, found in zip(vec.step(command)[:3], again.step(command)[:3], strict=True):
+            np.testing.assert_array_equal(found, expected)
+    assert again.batch.modes == vec.batch.modes
+    again.seed(1), again.reset()  # and from then on alone
+    assert again.batch.modes != vec.batch.modes
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_keeps_a_seed_that_waits_and_what_was_set(way: str) -> None:
+    vec = make_env("parkour", 2, SEED)
+    vec.reset()
+    vec.set_attr("rho", 0.123)
+    vec.seed(SEED + 50)
+    again = COPIES[way](vec)
+    assert again.get_attr("rho") == [0.123] * 2
+    np.testing.assert_array_equal(again.reset(), vec.reset())
+    assert again.batch.modes == vec.batch.modes
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_of_one_environment_goes_on_bit_for_bit(way: str) -> None:
+    env = gymnasium.make("OGMP/Parkour-v0", rho=0.2)
+    env.reset(seed=SEED)
+    env.action_space.seed(SEED)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    again = COPIES[way](env)
+    for _ in range(3):
+        action = env.action_space.sample()
+        np.testing.assert_array_equal(again.action_space.sample(), action)
+        for expected, found in zip(env.step(action), again.step(action), strict=True):
+            np.testing.assert_equal(found, expected)
+    np.testing.assert_array_equal(again.reset()[0], env.reset()[0])
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_of_a_batch_goes_on_bit_for_bit(way: str) -> None:
+    batch = BatchEnv(load_task("parkour", overrides("parkour")), 2, SEED, threads=1)
+    batch.reset()
+    batch.step(actions(1, 2)[0])
+    again = COPIES[way](batch)
+    for command in actions(12, 2):
+        expected, found = batch.step(command), again.step(command)
+        np.testing.assert_array_equal(found.observation, expected.observation)
+        np.testing.assert_array_equal(found.reward, expected.reward)
+    assert again.sim.threads == 1
 
 
 # ---- make_env ----

@@ -1,9 +1,6 @@
 """A mode of our own."""
 
-from ogmp_sb3.config.registry import modes
-from ogmp_sb3.guidance.modes import Contact, Segment, Span
-from ogmp_sb3.guidance.srb import GRAVITY
-from ogmp_sb3.guidance.terrain import Plateau
+from ogmp_sb3.extend import GRAVITY, Contact, Plateau, Segment, Span, mode
 
 BAR = 0.04  # m: length of a bar along the track
 FLIGHT = 0.40  # m along the track: pup's wheelbase of 0.30 m and the bar, with 3 cm to spare before and behind
@@ -11,7 +8,7 @@ CROUCH = 0.12  # m: stance before the flight
 LANDING = 0.40  # m: flat ground behind a bar
 
 
-@modes.register()
+@mode
 def hurdle(h: float, v: float = 1.2, run_up: float = 0.6) -> Segment:
     """Hop over a bar that lies across the track, all feet in the air from before it to behind it.
 

@@ -2,13 +2,10 @@
 
 import numpy as np
 
-from ogmp_sb3.config.registry import oracles
-from ogmp_sb3.guidance.oracles import Plant
-from ogmp_sb3.guidance.set_points import Reference, SetPoints
-from ogmp_sb3.guidance.srb import POS, VEL
+from ogmp_sb3.extend import POS, VEL, Plant, Reference, SetPoints, oracle
 
 
-@oracles.register()
+@oracle
 def fade(set_points: SetPoints, x0: np.ndarray, plant: Plant, time_constant: float) -> Reference:
     """Follow the set-points; the offset from them at the query fades exponentially.
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ogmp_sb3.config.registry import rewards
-from ogmp_sb3.env.view import EnvView
+from ogmp_sb3.extend import EnvView, reward
 
 
-@rewards.register()
+@reward
 def calm(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness ||joint velocities||)``, in rad/s, shape (num_envs,).
 
