@@ -48,8 +48,7 @@ class LatentEncoder:
         :return: shape (rows, 2)
         """
         features = (reference_features(state) - self.mean) / self.std
-        wi1, wh1, b1, *second = self.weights
-        return _encode(features @ wi1 + b1, steps, wh1, *second)  # type: ignore[no-any-return]
+        return _encode(features, steps, *self.weights)  # type: ignore[no-any-return]
 
 
 def reference_features(state: np.ndarray) -> np.ndarray:
@@ -125,13 +124,15 @@ def changed_file(saved: Path, used: Path) -> str | None:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _encode(inputs, steps, wh1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
-    rows, hidden, size = len(inputs), len(wh1), len(wh2)
+def _encode(features, steps, wi1, wh1, b1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
+    """Every row by itself: a matrix product over all of them would round by how many there are, and by the padding."""
+    rows, hidden, size = len(features), len(wh1), len(wh2)
     latent = np.zeros((rows, size))
     for row in range(rows):
         h1, c1, h2, c2 = np.zeros(hidden), np.zeros(hidden), np.zeros(size), np.zeros(size)
         for k in range(steps[row] + 1):
-            gates1, gates2 = inputs[row, k].copy(), b2.copy()
+            gates1, gates2 = b1.copy(), b2.copy()
+            _add_product(gates1, wi1, features[row, k])
             _add_product(gates1, wh1, h1)
             _lstm_step(gates1, h1, c1)
             _add_product(gates2, wi2, np.maximum(h1, 0.0))
