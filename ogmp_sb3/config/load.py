@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.catalogue import ROBOTS_DIR, files, is_file, shown_path, task_path
+from ogmp_sb3.config.catalogue import find, is_file, shown_path
 from ogmp_sb3.config.messages import Where, did_you_mean
-from ogmp_sb3.config.plugins import broken_plugins
 from ogmp_sb3.config.ranges import ModeRanges
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES, RobotConfig
@@ -28,7 +27,7 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     :raises KeyError: for an unknown or missing name
     :raises TypeError: for a value of the wrong type
     """
-    path = task_path(name_or_path)
+    path = find("task", name_or_path)
     data = read_yaml(path)
     return task_from_data(apply_overrides(data, overrides, shown_path(path)), path)
 
@@ -67,16 +66,7 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     :param name_or_path: a shipped robot (``"hector"``), one of a plug-in, or the path of a robot.yaml
     :param relative_to: directory that a relative path starts from
     """
-    if name_or_path.endswith((".yaml", ".yml")):
-        path = relative_to / name_or_path
-    else:
-        path = ROBOTS_DIR / name_or_path / "robot.yaml"
-        if not is_file(path):
-            robots = {path.parent.name: path for path in files("robots/*/robot.yaml")}
-            if name_or_path not in robots:
-                known = did_you_mean(name_or_path, robots)
-                raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
-            path = robots[name_or_path]
+    path = find("robot", name_or_path, relative_to)
     robot = replace(read(RobotConfig, read_yaml(path), Where(shown_path(path))), path=path)
     if not is_file(robot.mjcf_path):
         raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")

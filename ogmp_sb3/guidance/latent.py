@@ -17,13 +17,11 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.rotations import rpy_to_quat
 from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
 
-ENCODERS_DIR = PACKAGE / "encoders"
 LATENT_SIZE = 2
 FEATURES = 13
 FORMAT = 1
@@ -63,7 +61,7 @@ def reference_features(state: np.ndarray) -> np.ndarray:
 
 
 def load_encoder(name_or_path: str) -> LatentEncoder:
-    """Load an encoder by the name of one in ``./encoders`` or a shipped one, or by its directory.
+    """Load an encoder by the name of one in ``./encoders``, a shipped one or one of a plug-in, or by its directory.
 
     :raises KeyError: if there is none
     :raises ValueError: if its files are damaged
@@ -99,12 +97,7 @@ def task_encoder(task: TaskConfig) -> LatentEncoder | None:
 
 def encoder_dir(name_or_path: str) -> Path:
     """Where an encoder is. Raises as :func:`load_encoder`."""
-    candidates = (Path(name_or_path), Path("encoders") / name_or_path, ENCODERS_DIR / name_or_path)
-    for folder in candidates:
-        if (folder / "encoder.json").is_file():
-            return folder
-    names = {path.parent.name for root in (Path("encoders"), ENCODERS_DIR) for path in root.glob("*/encoder.json")}
-    raise KeyError(f"no encoder '{name_or_path}'{did_you_mean(name_or_path, names)} ogmp-encode trains one.")
+    return find("encoder", name_or_path).parent
 
 
 def copy_encoder(name_or_path: str, folder: Path) -> None:
