@@ -16,6 +16,7 @@ import numpy as np
 
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, SRB, STATE_NAMES
+from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
 from ogmp_sb3.guidance.riccati import tracking_gains
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
@@ -64,7 +65,7 @@ def linear(set_points: SetPoints, x0: np.ndarray, plant: Plant) -> Reference:
 
 @oracles.register()
 def lqr(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track the present set-point with the stationary LQR gain of each contact segment.
 
@@ -90,7 +91,7 @@ def lqr(
 
 @oracles.register()
 def preview(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track all coming set-points with the least quadratic cost over the horizon (preview control).
 

@@ -3,13 +3,14 @@
 import numpy as np
 
 from ogmp_sb3.config.registry import oracles
+from ogmp_sb3.config.weights import Positive
 from ogmp_sb3.guidance.oracles import Plant
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 from ogmp_sb3.guidance.srb import POS, VEL
 
 
 @oracles.register()
-def fade(set_points: SetPoints, x0: np.ndarray, plant: Plant, time_constant: float) -> Reference:
+def fade(set_points: SetPoints, x0: np.ndarray, plant: Plant, time_constant: Positive) -> Reference:
     """Follow the set-points; the offset from them at the query fades exponentially.
 
     :param set_points: what the modes ask for
