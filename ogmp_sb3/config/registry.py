@@ -94,6 +94,19 @@ class Registry(Generic[T]):
                 raise KeyError(f"{self.kind} '{name}' needs the parameter '{key}'.")
 
 
+def looks_ahead(reach: Callable[..., float]) -> Callable[[F], F]:
+    """Decorator of an observation that looks ahead along the track: the track is laid that far.
+
+    :param reach: how far ahead of the base it looks, m, from the observation's YAML parameters
+    """
+
+    def decorate(function: F) -> F:
+        function.reach = reach  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
 modes: Registry[Any] = Registry("mode")
 oracles: Registry[Any] = Registry("oracle", arguments=3)
 observations: Registry[Any] = Registry("observation", arguments=1)
