@@ -69,7 +69,7 @@ def test_the_track_is_laid_as_far_as_any_observation_looks(monkeypatch: pytest.M
     task = load_task("parkour", {**STEADY, "observations.height_scan": None, "observations.camera": {"far": 200}})
     with pytest.raises(ValueError, match=r"'horizon', or 'observations\.camera', reach 200 m ahead; at most 100 m"):
         extent(task)
-    with pytest.raises(ValueError, match="speeds in 'modes' times 'horizon' reach 901.2 m ahead"):
+    with pytest.raises(ValueError, match=r"speeds in 'modes' times 'horizon' reach 901\.2 m ahead"):
         extent(load_task("parkour", {**STEADY, "observations.height_scan": None, "modes.pace.v": 1001.0}))
 
 
