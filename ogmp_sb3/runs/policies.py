@@ -83,6 +83,12 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
     folder = policy_dir(run)
     if (folder / MANIFEST).is_file():
         verify(folder, WEIGHTS, INFO)
+    info, config, data, path, network = _read_info(folder)
+    return LoadedPolicy(_policy(network, folder), config, data, path, info, folder)
+
+
+def _read_info(folder: Path) -> tuple[dict[str, Any], TaskConfig, dict[str, Any], Path, Network]:
+    """What ``policy.json`` says: all of it, the task, its data and its file, and the sizes of the networks."""
     file = folder / INFO
     info, where = load_json(file), Where(str(file))
     if info.get("format") != FORMAT:
@@ -95,15 +101,19 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
             read(kind, info.get(key), where / key)  # type: ignore[arg-type]
         if (folder / ENCODER).is_dir():
             task_data["encoder"] = str(_lasting(folder) / ENCODER)
-        task_config = task_from_data(task_data, path)
+        return info, task_from_data(task_data, path), task_data, path, network
     except (KeyError, TypeError, ValueError) as error:
-        said = str(error.args[0])
-        raise ValueError(said if said.startswith(str(file)) else f"{file}: {said}") from None
+        reason = str(error.args[0])
+        raise ValueError(reason if reason.startswith(str(file)) else f"{file}: {reason}") from None
+
+
+def _policy(network: Network, folder: Path) -> LstmPolicy:
+    """A policy of the given sizes with the weights in a directory."""
     weights = policy_weights(folder)
     try:
         network.check(weights)
     except ValueError as error:
-        raise ValueError(f"{file}: 'network' does not fit {WEIGHTS} ({error}).") from None
+        raise ValueError(f"{folder / INFO}: 'network' does not fit {WEIGHTS} ({error}).") from None
     scale = np.array(network.scale, dtype=np.float32)
     policy = LstmPolicy(
         spaces.Box(-CLIP * scale, CLIP * scale, dtype=np.float32),
@@ -113,7 +123,7 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
     )
     put_weights(policy, weights, folder)
     policy.set_training_mode(False)
-    return LoadedPolicy(policy, task_config, task_data, path, info, folder)
+    return policy
 
 
 def _lasting(folder: Path) -> Path:
