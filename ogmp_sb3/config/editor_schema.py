@@ -168,5 +168,5 @@ def _field_texts(kind: type[Any]) -> dict[str, str]:
 
 def _parameter_texts(function: Any) -> dict[str, str]:
     """What a docstring says of the parameters."""
-    found = re.findall(r"^:param (\w+): (.+?)(?=^:|^$|\Z)", inspect.getdoc(function) or "", re.DOTALL | re.MULTILINE)
-    return {name: " ".join(text.split()) for name, text in found}
+    lines = re.findall(r"^:param (\w+): (.+?)(?=^:|^$|\Z)", inspect.getdoc(function) or "", re.DOTALL | re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in lines}

@@ -1,4 +1,4 @@
-"""Load and check task and robot files. ``load_task`` is the one door."""
+"""Load and check task and robot files: :func:`load_task`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
-    """Read and check a task: the one door for YAML, overrides and keyword arguments alike.
+    """Read and check a task, whether from YAML, overrides or keyword arguments.
 
     :param name_or_path: a shipped task (``"parkour"``), one of a plug-in, or the path of a YAML file
     :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``

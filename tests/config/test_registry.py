@@ -1,10 +1,11 @@
 """Tests of the registry: names, signatures as schemas, and messages that say what is allowed."""
 
+import re
+
 import pytest
 
 from helpers.paths import ROOT
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.registry import NameTaken, Registry
 
 DOCS = ROOT / "docs"
@@ -34,21 +35,6 @@ def terms() -> Registry:
     return terms
 
 
-# ---- did_you_mean ----
-
-
-def test_the_hint_lists_sorted_names_and_the_closest_match() -> None:
-    assert did_you_mean("lenght", ["start", "length"]) == " (allowed: length, start). Did you mean 'length'?"
-
-
-def test_the_hint_suggests_nothing_for_a_name_unlike_all() -> None:
-    assert did_you_mean("qqq", ["start", "length"]) == " (allowed: length, start)."
-
-
-def test_the_hint_says_that_nothing_is_allowed() -> None:
-    assert did_you_mean("x", []) == " (allowed: none)."
-
-
 # ---- register, get, names ----
 
 
@@ -68,7 +54,9 @@ def test_a_name_cannot_be_registered_twice(terms: Registry) -> None:
     def step(view: object) -> None: ...
 
     step.__module__ = "elsewhere"
-    with pytest.raises(NameTaken, match=r"^term 'gap' of elsewhere is registered already, by test_registry\.$"):
+    with pytest.raises(
+        NameTaken, match=rf"^term 'gap' of elsewhere is registered already, by {re.escape(__name__)}\.$"
+    ):
         terms.register("gap")(step)
     assert terms.get("gap")(None, 2.0) == 1.0
 
