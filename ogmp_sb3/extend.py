@@ -31,10 +31,12 @@ from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.registry import NameTaken, Registry
+from ogmp_sb3.config.registry import NameTaken, Registry, looks_ahead
 from ogmp_sb3.config.robot import SRB, STATE_NAMES
+from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
 from ogmp_sb3.env.observations import Part, Signal
 from ogmp_sb3.env.view import EnvView
+from ogmp_sb3.evaluation.metrics import reaches
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.modes import Contact, Segment, Span
 from ogmp_sb3.guidance.oracles import Plant
@@ -67,16 +69,20 @@ __all__ = [
     "Decorator",
     "EnvView",
     "EpisodeRecord",
+    "InputWeights",
     "NameTaken",
     "Part",
     "Plant",
     "Plateau",
+    "Positive",
     "Reference",
     "Segment",
     "SetPoints",
     "Signal",
     "Span",
+    "StateWeights",
     "height_at",
+    "looks_ahead",
     "make_oracle",
     "metric",
     "mode",
@@ -88,6 +94,7 @@ __all__ = [
     "quat_rotate",
     "quat_rotate_inverse",
     "quat_to_rpy",
+    "reaches",
     "reward",
     "rpy_to_matrix",
     "rpy_to_quat",

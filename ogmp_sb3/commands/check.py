@@ -22,10 +22,9 @@ from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, model_srb, stand
 from ogmp_sb3.guidance.course import standing_still
-from ogmp_sb3.guidance.plans import make_oracle
+from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.guidance.set_points import set_points, span_array, span_row
-from ogmp_sb3.guidance.srb import POS, STATE_SIZE
+from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.report.plots.guidance import plot_references
 from ogmp_sb3.runs.failed_steps import load_step
 from ogmp_sb3.runs.storage import save_json
@@ -77,20 +76,17 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
         words = [r.words for r in ranges.values() if r.words]
         call = ModeCall(name, {key: _middle(range_) for key, range_ in ranges.items()})
         segment = call.segment()
-        spans = span_array([span_row(span, 0.0) for span in segment.spans])[None]
         speed = segment.spans[0].velocity[0]
         duration = segment.length / speed if speed > 0 else LONGEST
         duration = segment.spans[-1].end if segment.timed else min(duration, LONGEST)
-        steps = np.array([max(1, round(duration / task.control_dt))])
-        x0 = np.zeros((1, STATE_SIZE))
-        x0[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height
-        points = set_points(spans, np.array([segment.timed]), x0, steps, task.control_dt, task.gait)
+        x0 = start_state(task, segment)
+        points = segment_set_points(task, [segment], x0, max(1, round(duration / task.control_dt)))
         heights = {
             oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0, :, POS.start + 2]
             for oracle in sorted({*task.oracle_params, task.oracle})
         }
-        given = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
-        title = f"{name} ({', '.join([*(w[0] for w in words), given])})" if ranges else name
+        numbers = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
+        title = f"{name} ({', '.join([*(w[0] for w in words), numbers])})" if ranges else name
         panels.append((title, points.stance[0], points.state[0, :, POS.start + 2], heights))
     return panels
 

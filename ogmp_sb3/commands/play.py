@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.config.catalogue import task_path
+from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
@@ -75,7 +75,7 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy |
         policy, data, path = loaded.policy, loaded.task_data, loaded.task_path
     else:
         assert config.task is not None
-        path = task_path(config.task)
+        path = find("task", config.task)
         data = read_yaml(path)
     return task_for_test(data, path, overrides, config.scene, PROGRAM, SHOWN), policy
 

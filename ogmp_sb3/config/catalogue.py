@@ -1,52 +1,74 @@
-"""Where tasks and robots are: those that ship, those of plug-ins, and files by their path."""
+"""Files by name or path: tasks, scenes, robots, encoders and policies, shipped, of plug-ins, or a user's own."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ogmp_sb3.config.messages import did_you_mean
-from ogmp_sb3.config.plugins import broken_plugins, load_plugins
+from ogmp_sb3.config.plugins import FILES, SHIPPED, broken_plugins, load_plugins
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = SHIPPED
 TASKS_DIR = PACKAGE / "tasks"
 ROBOTS_DIR = PACKAGE / "robots"
+IN_WORKING_DIRECTORY = ("encoder",)  # kinds that programs write where they run, and that are found there first
+UNKNOWN = {
+    "task": "unknown task {name!r}{known} Or give the path of a YAML file.",
+    "scene": "unknown scene {name!r}{known} Or give the path of a YAML file.",
+    "robot": "unknown robot {name!r}{known}",
+    "encoder": "no encoder {name!r}{known} ogmp-encode trains one.",
+    "policy": "{name!r} is neither a run directory nor a shipped policy{known}",
+}
 
 
-def task_path(name_or_path: str | Path) -> Path:
-    """Where a task's YAML is.
+def find(kind: str, name_or_path: str | Path, relative_to: Path = Path()) -> Path:
+    """The file of a task, scene, robot, encoder or policy.
 
-    :raises ValueError: if there is no such file
-    :raises KeyError: if no task of this name ships or is in a plug-in
+    :param kind: ``"task"``, ``"scene"``, ``"robot"``, ``"encoder"`` or ``"policy"``
+    :param name_or_path: the name of one that ships or that a plug-in brings, or a path: of the YAML file, or of the
+        directory of an encoder or a policy
+    :param relative_to: directory that a relative path starts from
+    :return: the YAML file, ``encoder.json`` or ``policy.json``
+    :raises ValueError: if there is no such YAML file
+    :raises KeyError: if nothing of this kind has this name
     """
     text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")) or "/" in text:
-        path = Path(text)
-        if not is_file(path):
-            raise ValueError(f"{text}: no such file.")
-        return path
-    path = TASKS_DIR / f"{text}.yaml"
-    if is_file(path):
-        return path
-    tasks = _task_files()
-    if text not in tasks:
-        known = did_you_mean(text, tasks)
-        raise KeyError(f"unknown task {text!r}{known} Or give the path of a YAML file.{broken_plugins()}")
-    return tasks[text]
+    path = relative_to / text
+    if FILES[kind].endswith(".yaml"):
+        if text.endswith((".yaml", ".yml")) or "/" in text:
+            if not is_file(path):
+                raise ValueError(f"{path}: no such file.")
+            return path
+    elif is_file(path / Path(FILES[kind]).name):
+        return path / Path(FILES[kind]).name
+    files = _files(kind, _folders_without_plugins(kind))
+    if text not in files:  # only now are plug-ins loaded
+        files = _all_files(kind)
+    if text not in files:
+        raise KeyError(UNKNOWN[kind].format(name=text, known=did_you_mean(text, files)) + broken_plugins())
+    return files[text]
 
 
-def task_names() -> list[str]:
-    """The tasks that ship, and those of plug-ins."""
-    return sorted(_task_files())
+def names(kind: str) -> list[str]:
+    """The names of all files of a kind, those of plug-ins too, sorted. Kinds are those of :func:`find`."""
+    return sorted(_all_files(kind))
 
 
-def _task_files() -> dict[str, Path]:
-    return {path.stem: path for path in files("tasks/*.yaml")}
+def _all_files(kind: str) -> dict[str, Path]:
+    plugins = [plugin.folder for plugin in load_plugins() if plugin.folder]
+    return _files(kind, [*_folders_without_plugins(kind), *plugins])
 
 
-def files(pattern: str) -> list[Path]:
-    """Files that ship or that plug-ins bring."""
-    folders = [PACKAGE, *(plugin.folder for plugin in load_plugins() if plugin.folder)]
-    return [path for folder in folders for path in sorted(folder.glob(pattern))]
+def _folders_without_plugins(kind: str) -> list[Path]:
+    return [Path(), PACKAGE] if kind in IN_WORKING_DIRECTORY else [PACKAGE]
+
+
+def _files(kind: str, folders: list[Path]) -> dict[str, Path]:
+    """The files of a kind below some folders, by name; the first folder wins."""
+    by_name = {}
+    for folder in reversed(folders):
+        for file in folder.glob(FILES[kind]):
+            by_name[file.parent.name if "*/" in FILES[kind] else file.stem] = file
+    return by_name
 
 
 def is_file(path: Path) -> bool:

@@ -21,15 +21,15 @@ from typing import Any
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import Registry
-from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import EvaluationConfig, SamplingConfig, TaskConfig
 from ogmp_sb3.config.variation import CurriculumConfig
+from ogmp_sb3.config.weights import Named
 
 Schema = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
-WEIGHTS = {"Q": STATE_NAMES, "R": INPUT_NAMES}  # parameters of oracles whose keys are known
 NULL: Schema = {"type": "null"}
 NUMBER: Schema = {"type": "number"}
 NUMBERS: list[Schema] = [NUMBER, {"type": "array", "prefixItems": [NUMBER, NUMBER], "minItems": 2, "maxItems": 2}]
@@ -84,6 +84,9 @@ def _of(annotation: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schem
         return {"anyOf": [NULL if a is types.NoneType else _of(a, named) for a in arguments]}
     if origin is typing.Literal:
         return {"enum": list(arguments)}
+    if origin is typing.Annotated:
+        names = [name for check in arguments[1:] if isinstance(check, Named) for name in check.names]
+        return _mapping(dict.fromkeys(names, NUMBER)) if names else _of(arguments[0], named)
     if origin is dict:
         return {"type": "object", "additionalProperties": _of(arguments[1], named)}
     if origin is tuple and arguments[-1] is Ellipsis:
@@ -111,8 +114,6 @@ def _call(kind: Registry[Any], name: str, partial: bool = False) -> Schema:
     properties, needed = {}, []
     for key, parameter in kind.parameters(name).items():
         schema = _range(parameter.annotation) if kind is registry.modes else _of(parameter.annotation, {})
-        if kind is registry.oracles and key in WEIGHTS:
-            schema = _mapping(dict.fromkeys(WEIGHTS[key], NUMBER))
         if parameter.default is inspect.Parameter.empty and not partial:
             needed.append(key)
         properties[key] = _described(schema, texts.get(key), parameter.default)
@@ -167,5 +168,5 @@ def _field_texts(kind: type[Any]) -> dict[str, str]:
 
 def _parameter_texts(function: Any) -> dict[str, str]:
     """What a docstring says of the parameters."""
-    found = re.findall(r"^:param (\w+): (.+?)(?=^:|^$|\Z)", inspect.getdoc(function) or "", re.DOTALL | re.MULTILINE)
-    return {name: " ".join(text.split()) for name, text in found}
+    lines = re.findall(r"^:param (\w+): (.+?)(?=^:|^$|\Z)", inspect.getdoc(function) or "", re.DOTALL | re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in lines}

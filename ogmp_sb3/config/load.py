@@ -1,4 +1,4 @@
-"""Load and check task and robot files. ``load_task`` is the one door."""
+"""Load and check task and robot files: :func:`load_task`."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.catalogue import ROBOTS_DIR, files, is_file, shown_path, task_path
+from ogmp_sb3.config.catalogue import find, is_file, shown_path
 from ogmp_sb3.config.messages import Where, did_you_mean
-from ogmp_sb3.config.plugins import broken_plugins
 from ogmp_sb3.config.ranges import ModeRanges
 from ogmp_sb3.config.registry import Registry
-from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES, RobotConfig
+from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig, Terms
+from ogmp_sb3.config.variation import CurriculumConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
-    """Read and check a task: the one door for YAML, overrides and keyword arguments alike.
+    """Read and check a task, whether from YAML, overrides or keyword arguments.
 
     :param name_or_path: a shipped task (``"parkour"``), one of a plug-in, or the path of a YAML file
     :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
@@ -28,7 +28,7 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     :raises KeyError: for an unknown or missing name
     :raises TypeError: for a value of the wrong type
     """
-    path = task_path(name_or_path)
+    path = find("task", name_or_path)
     data = read_yaml(path)
     return task_from_data(apply_overrides(data, overrides, shown_path(path)), path)
 
@@ -67,16 +67,7 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     :param name_or_path: a shipped robot (``"hector"``), one of a plug-in, or the path of a robot.yaml
     :param relative_to: directory that a relative path starts from
     """
-    if name_or_path.endswith((".yaml", ".yml")):
-        path = relative_to / name_or_path
-    else:
-        path = ROBOTS_DIR / name_or_path / "robot.yaml"
-        if not is_file(path):
-            robots = {path.parent.name: path for path in files("robots/*/robot.yaml")}
-            if name_or_path not in robots:
-                known = did_you_mean(name_or_path, robots)
-                raise KeyError(f"unknown robot {name_or_path!r}{known}{broken_plugins()}")
-            path = robots[name_or_path]
+    path = find("robot", name_or_path, relative_to)
     robot = replace(read(RobotConfig, read_yaml(path), Where(shown_path(path))), path=path)
     if not is_file(robot.mjcf_path):
         raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
@@ -90,28 +81,36 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
         with _located(where / "modes"):
             registry.modes.get(name)
     check_ranges(task.mode_ranges, where / "modes", complete=True)
-    _check_names(task.sampling.weights, task.modes, where / "sampling.weights")
-    _check_names((e.mode for e in task.sampling.sequence), task.mode_ranges, where / "sampling.sequence")
+    _check_sampling(task, where / "sampling")
+    if task.curriculum is not None:
+        _check_curriculum(task, task.curriculum, where / "curriculum")
+
+
+def _check_sampling(task: TaskConfig, where: Where) -> None:
+    _check_names(task.sampling.weights, task.modes, where / "weights")
+    _check_names((entry.mode for entry in task.sampling.sequence), task.mode_ranges, where / "sequence")
     for i, entry in enumerate(task.sampling.sequence):
-        check_ranges({entry.mode: entry.ranges}, where / "sampling.sequence" / i, complete=False)
-    weights = [task.sampling.weights.get(m, 1.0) for m in task.mode_ranges]
-    if task.sampling.order == "random" and not any(weights):
-        raise ValueError(f"{where / 'sampling.weights'} gives every mode the weight 0.")
-    if task.curriculum is None:
-        return
-    inside = where / "curriculum"
-    _check_names(task.curriculum.modes, task.modes, inside / "modes")
-    check_ranges(task.curriculum.modes, inside / "modes", complete=False)
-    for name, ranges in task.curriculum.modes.items():
+        check_ranges({entry.mode: entry.ranges}, where / "sequence" / i, complete=False)
+    if task.sampling.order == "random":
+        _check_a_mode_is_drawn(task, task.sampling.weights, where / "weights")
+
+
+def _check_curriculum(task: TaskConfig, curriculum: CurriculumConfig, where: Where) -> None:
+    _check_names(curriculum.modes, task.modes, where / "modes")
+    check_ranges(curriculum.modes, where / "modes", complete=False)
+    for name, ranges in curriculum.modes.items():
         for key, range_ in ranges.items():
             if range_.words:
-                raise ValueError(f"{inside / 'modes' / name / key} is a word, which has no values between two levels.")
+                raise ValueError(f"{where / 'modes' / name / key} is a word, which has no values between two levels.")
             if name in task.mode_ranges and key not in task.mode_ranges[name]:
-                raise KeyError(f"{inside / 'modes' / name / key} needs 'modes.{name}.{key}' too, its value at level 1.")
-    _check_names(task.curriculum.weights, task.modes, inside / "weights")
-    start = [task.curriculum.weights.get(m, task.sampling.weights.get(m, 1.0)) for m in task.mode_ranges]
-    if not any(w > 0 for w in start):
-        raise ValueError(f"{inside / 'weights'} gives every mode the weight 0.")
+                raise KeyError(f"{where / 'modes' / name / key} needs 'modes.{name}.{key}' too, its value at level 1.")
+    _check_names(curriculum.weights, task.modes, where / "weights")
+    _check_a_mode_is_drawn(task, {**task.sampling.weights, **curriculum.weights}, where / "weights")
+
+
+def _check_a_mode_is_drawn(task: TaskConfig, weights: dict[str, float], where: Where) -> None:
+    if not any(weights.get(name, 1.0) for name in task.mode_ranges):
+        raise ValueError(f"{where} gives every mode the weight 0.")
 
 
 def _without_removed_modes(task: TaskConfig) -> TaskConfig:
@@ -145,9 +144,9 @@ def check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
             annotation = parameters[key].annotation
             words = get_args(annotation) if get_origin(annotation) is Literal else ()
             if bool(words) != bool(range_.words):
-                found = ", ".join(range_.words) or " to ".join(f"{c:g}" for c in sorted({range_.low, range_.high}))
+                value = ", ".join(range_.words) or " to ".join(f"{c:g}" for c in sorted({range_.low, range_.high}))
                 expected = f"one or more of the words {', '.join(words)}" if words else "a number or [low, high]"
-                raise TypeError(f"{where / name / key} must be {expected}, found {found}.")
+                raise TypeError(f"{where / name / key} must be {expected}, found {value}.")
             _check_names(range_.words, words, where / name / key)
             if range_.low < 0:
                 raise ValueError(f"{where / name / key} must be at least 0, found {range_.low:g}.")
@@ -160,47 +159,27 @@ def _read_oracles(task: TaskConfig, where: Where) -> dict[str, dict[str, Any]]:
     inside = where / "oracle_params"
     unnamed: dict[str, Any] = {} if task.oracle in task.oracle_params else {task.oracle: {}}
     read_params = _read_terms({**task.oracle_params, **unnamed}, registry.oracles, inside)
-    for name, parameters in read_params.items():
-        _check_weights(parameters or {}, inside / name)
     return {name: parameters or {} for name, parameters in read_params.items()}
-
-
-def _check_weights(parameters: dict[str, Any], where: Where) -> None:
-    """The weights of a linear-quadratic tracker: Q at least 0, R complete and above 0, eps above 0."""
-    Q, R, eps = (parameters.get(key) for key in ("Q", "R", "eps"))
-    if isinstance(Q, dict):
-        _check_names(Q, STATE_NAMES, where / "Q")
-        for name, weight in Q.items():
-            if weight < 0:
-                raise ValueError(f"{where / 'Q' / name} must be at least 0, found {weight:g}.")
-    if isinstance(R, dict):
-        _check_names(R, INPUT_NAMES, where / "R")
-        for name in INPUT_NAMES:
-            if name not in R:
-                raise KeyError(f"{where / 'R' / name} is missing: every input needs a weight.")
-            if R[name] <= 0:
-                raise ValueError(f"{where / 'R' / name} must be above 0, found {R[name]:g}.")
-    if isinstance(eps, float) and eps <= 0:
-        raise ValueError(f"{where / 'eps'} must be above 0, found {eps:g}.")
 
 
 def _read_terms(terms: Mapping[str, Any], kinds: Registry[Any], where: Where) -> Terms:
     """The terms' parameters, with the types that their functions ask for."""
     result: Terms = {}
-    for name, given in terms.items():
+    for name, data in terms.items():
         with _located(where):
             parameters = kinds.parameters(name)
-        if given is not None:
-            with _located(where / name):
-                kinds.check(name, given)
-            given = {key: read(parameters[key].annotation, value, where / name / key) for key, value in given.items()}
-        result[name] = given
+        if data is None:
+            result[name] = None
+            continue
+        with _located(where / name):
+            kinds.check(name, data)
+        result[name] = {key: read(parameters[key].annotation, value, where / name / key) for key, value in data.items()}
     return result
 
 
-def _check_names(found: Iterable[str], allowed: Iterable[str], where: Where) -> None:
+def _check_names(names: Iterable[str], allowed: Iterable[str], where: Where) -> None:
     allowed = list(allowed)
-    for name in found:
+    for name in names:
         if name not in allowed:
             raise KeyError(f"{where} has {name!r}{did_you_mean(name, allowed)}")
 

@@ -1,8 +1,8 @@
-"""Plug-ins: installed packages that bring robots, tasks, modes, oracles and terms of their own.
+"""Plug-ins: installed packages that bring modes, oracles, terms, tasks, robots and policies of their own.
 
 A plug-in is an entry point of the group ``ogmp_sb3.plugins``, and names a module. Importing the module registers
-functions (:mod:`ogmp_sb3.config.registry`); ``tasks/<name>.yaml`` and ``robots/<name>/robot.yaml`` beside it are
-found by name. :func:`load_plugins` loads all of them, when something is named that does not ship.
+functions (:mod:`ogmp_sb3.config.registry`); tasks, scenes, robots, encoders and policies beside it are found by name
+(:data:`FILES`). :func:`load_plugins` loads all of them, when something is named that does not ship.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.registry import KINDS, NameTaken
 
 GROUP = "ogmp_sb3.plugins"
-FILES = ("tasks/*.yaml", "robots/*/robot.yaml")  # what is found by name
+FILES = {
+    "task": "tasks/*.yaml",
+    "scene": "tasks/scenes/*.yaml",
+    "robot": "robots/*/robot.yaml",
+    "encoder": "encoders/*/encoder.json",
+    "policy": "policies/*/policy.json",
+}
+"""What is found by name: where its files are, below what ships and below a plug-in's folder."""
 SHIPPED = Path(__file__).parents[1]
 
 
@@ -32,7 +39,7 @@ class Plugin:
     version: str
     """of the distribution"""
     folder: Path | None = None
-    """where its ``tasks`` and ``robots`` are; None: it is a single file, or broken"""
+    """where its files are; None: it is a single file, or broken"""
     error: str | None = None
     """why it is broken"""
 
@@ -49,8 +56,8 @@ def load(entry: EntryPoint, taken: Iterable[Path]) -> Plugin:
     """Import a plug-in. Whatever its module raises comes through.
 
     :param entry: its entry point
-    :param taken: folders whose tasks and robots have their names already
-    :raises NameTaken: if one of its tasks or robots has a name that is taken
+    :param taken: folders whose files have their names already
+    :raises NameTaken: if one of its files or functions has a name that is taken
     :raises TypeError: if the entry point does not name a module
     """
     module = entry.load()
@@ -73,7 +80,7 @@ def plugin_of(entry: EntryPoint, folder: Path | None = None, error: Exception | 
 
 
 def _check_files(folder: Path, taken: Iterable[Path]) -> None:
-    for pattern in FILES:
+    for pattern in FILES.values():
         for file in sorted(folder.glob(pattern)):
             for other in (path / file.relative_to(folder) for path in taken if path != folder):
                 if other.is_file():

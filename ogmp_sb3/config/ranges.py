@@ -49,10 +49,9 @@ class Range:
         Not below half the least value, nor below 0.02 unless it is: modes of next to no length would be too many
         around a robot.
         """
-        spread = 0.5 * (self.high - self.low) or 0.5 * self.high or 0.5
-        return max(
-            self.low - spread, 0.5 * self.low, min(0.02, self.low or 0.5 * self.high or 0.02)
-        ), self.high + spread
+        margin = 0.5 * (self.high - self.low) or 0.5 * self.high or 0.5
+        least = min(0.02, self.low or 0.5 * self.high or 0.02)
+        return max(self.low - margin, 0.5 * self.low, least), self.high + margin
 
     def corners(self) -> tuple[float | str, ...]:
         """The extreme values."""

@@ -77,21 +77,34 @@ class Registry(Generic[T]):
         signature = inspect.signature(self.get(name), eval_str=True)
         return dict(list(signature.parameters.items())[self.arguments :])
 
-    def check(self, name: str, given: Iterable[str]) -> None:
+    def check(self, name: str, keys: Iterable[str]) -> None:
         """Check the names of the parameters that a YAML file gives.
 
         :param name: a registered name
-        :param given: the parameter names found
+        :param keys: the names of its parameters in the file
         :raises KeyError: if a parameter is unknown, or a required one is missing
         """
         parameters = self.parameters(name)
-        given = list(given)
-        for key in given:
+        keys = list(keys)
+        for key in keys:
             if key not in parameters:
                 raise KeyError(f"{self.kind} '{name}' has no parameter {key!r}{did_you_mean(key, parameters)}")
         for key, parameter in parameters.items():
-            if parameter.default is inspect.Parameter.empty and key not in given:
+            if parameter.default is inspect.Parameter.empty and key not in keys:
                 raise KeyError(f"{self.kind} '{name}' needs the parameter '{key}'.")
+
+
+def looks_ahead(reach: Callable[..., float]) -> Callable[[F], F]:
+    """Decorator of an observation that looks ahead along the track: the track is laid that far.
+
+    :param reach: how far ahead of the base it looks, m, from the observation's YAML parameters
+    """
+
+    def decorate(function: F) -> F:
+        function.reach = reach  # type: ignore[attr-defined]
+        return function
+
+    return decorate
 
 
 modes: Registry[Any] = Registry("mode")

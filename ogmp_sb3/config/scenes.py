@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.config.catalogue import TASKS_DIR, shown_path
+from ogmp_sb3.config.catalogue import find, shown_path
 from ogmp_sb3.config.load import task_from_data
-from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import SequenceEntry, TaskConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml
 
-SCENES_DIR = TASKS_DIR / "scenes"
 TRAINING_ONLY = {
     "rho": "none",
     "curriculum": "none",
@@ -39,7 +38,8 @@ def task_for_test(
     :param data: of the task as it was in training
     :param path: of the task file, for messages
     :param overrides: ``key=value``
-    :param scene: a shipped scene (``"pace_to_jump"``) or the path of a YAML file; None: the task's own modes
+    :param scene: a shipped scene (``"pace_to_jump"``), one of a plug-in, or the path of a YAML file;
+        None: the task's own modes
     :param program: for messages
     :param used: keys for training that this test uses
     :raises KeyError: for an unknown scene or key
@@ -58,12 +58,7 @@ def task_for_test(
 
 def _apply_scene(data: dict[str, Any], name_or_path: str, overrides: list[str]) -> None:
     """Put a scene into plain task data: its sequence of modes is what is drawn."""
-    path = Path(name_or_path)
-    if not name_or_path.endswith((".yaml", ".yml")):
-        path = SCENES_DIR / f"{name_or_path}.yaml"
-        if not path.is_file():
-            names = [p.stem for p in SCENES_DIR.glob("*.yaml")]
-            raise KeyError(f"unknown scene '{name_or_path}'{did_you_mean(name_or_path, names)}")
+    path = find("scene", name_or_path)
     data_of_scene = read_yaml(path)
     scene = read(Scene, data_of_scene, Where(shown_path(path)))
     for override in overrides:

@@ -1,8 +1,8 @@
 """Strict reading of YAML data into frozen dataclasses: every mistake is one sentence with file and key.
 
 A dataclass's annotations are its schema. Supported: ``bool``, ``int``, ``float``, ``str``, ``X | None``,
-``tuple[X, ...]``, ``tuple[X, Y, Z]``, ``dict[str, X]``, ``Literal``, nested dataclasses, and any class with a
-``from_data(data, where)`` class method.
+``tuple[X, ...]``, ``tuple[X, Y, Z]``, ``dict[str, X]``, ``Literal``, ``Annotated[X, check]`` with a function
+``check(value, where)`` that raises, nested dataclasses, and any class with a ``from_data(data, where)`` class method.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
         if data not in arguments:
             raise ValueError(f"{where} is {describe(data)}{did_you_mean(data, map(str, arguments))}")
         return data
+    if origin is typing.Annotated:
+        return _checked(arguments, data, where)
     if origin is dict:
         return {str(k): _read(arguments[1], v, where / k) for k, v in _mapping(data, where).items()}
     if origin is tuple:
@@ -58,6 +60,14 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
     if dataclasses.is_dataclass(kind):
         return _read_dataclass(kind, data, where)
     return _read_scalar(kind, data, where)
+
+
+def _checked(arguments: tuple[Any, ...], data: Any, where: Where) -> Any:
+    kind, *checks = arguments
+    value = _read(kind, data, where)
+    for check in checks:
+        check(value, where)
+    return value
 
 
 def _read_tuple(arguments: tuple[Any, ...], data: Any, where: Where) -> tuple[Any, ...]:

@@ -201,8 +201,8 @@ class TaskConfig:
         positive("physics_dt", self.physics_dt)
         ratio = self.control_dt / self.physics_dt
         if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
-            found = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
-            raise ValueError(f"control_dt / physics_dt must be a whole number below {MAX_SUBSTEPS}, found {found}.")
+            division = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
+            raise ValueError(f"control_dt / physics_dt must be a whole number below {MAX_SUBSTEPS}, found {division}.")
         if self.episode_steps < 1:
             raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
         if self.horizon is not None and self.horizon < 1:

@@ -35,8 +35,8 @@ class CurriculumConfig:
 
     def __post_init__(self) -> None:
         if not 0 <= self.lower_below <= self.raise_above < 1:
-            found = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
-            raise ValueError(f"0 <= lower_below <= raise_above < 1 must hold, found {found}.")
+            values = f"lower_below {self.lower_below:g}, raise_above {self.raise_above:g}"
+            raise ValueError(f"0 <= lower_below <= raise_above < 1 must hold, found {values}.")
         positive("step", self.step)
         not_negative("weights", self.weights)
 
@@ -52,13 +52,13 @@ class CurriculumConfig:
         return moved
 
 
-def _at_least(name: str, found: Range | None, least: float, above: bool = False) -> None:
-    if found is None:
+def _at_least(name: str, range_: Range | None, least: float, above: bool = False) -> None:
+    if range_ is None:
         return
-    if found.words:
-        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(found.words)}.")
-    if found.low < least or (above and found.low == least):
-        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {found.low:g}.")
+    if range_.words:
+        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
+    if range_.low < least or (above and range_.low == least):
+        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {range_.low:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ogmp_sb3.config import registry
 from ogmp_sb3.config.task import MAX_BOXES, TaskConfig
 from ogmp_sb3.guidance.modes import Segment
-from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments
+from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments, flat_ground
 from ogmp_sb3.guidance.set_points import END, SPAN_SIZE, VX, append_spans, span_row
 from ogmp_sb3.guidance.terrain import Plateau, empty_terrain, place
 
@@ -130,7 +131,7 @@ class Course:
         length = self.task.track.length
         if length is not None and not self.timed and self._laid[row] >= length:
             speed = float(self.spans[row, self._span_count[row] - 1, VX])
-            return ModeCall("pace", {"v": speed, "length": 1.0})
+            return flat_ground(speed, 1.0)
         return self._sampler.draw(rng, int(self._mode_count[row]), level)
 
     def _place(self, row: int, plateaus: list[Plateau], keep_from: float) -> None:
@@ -169,14 +170,15 @@ def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
 
 def standing_still(task: TaskConfig) -> str | None:
     """A sentence on whether the bound allows a robot to stand still; None where the question does not arise."""
-    found = standing_deviation(task)
-    if found is None:
+    deviation = standing_deviation(task)
+    if deviation is None:
         return None
-    low, high = (f"{value:.2f}" for value in found)
+    slowest, fastest = deviation
+    low, high = f"{slowest:.2f}", f"{fastest:.2f}"
     length = f"{low} m" if low == high else f"{low} to {high} m"
-    if task.rho is None or task.rho >= found[1]:
+    if task.rho is None or task.rho >= fastest:
         verdict = "stays inside the bound"
-    elif task.rho >= found[0]:
+    elif task.rho >= slowest:
         verdict = "stays inside the bound in the slowest modes"
     else:
         verdict = "leaves the bound"
@@ -223,38 +225,51 @@ def extent(task: TaskConfig) -> Extent:
     :raises ValueError: if they do not go together
     """
     corners = list(corner_segments(task))
-    timed, lookahead, steps = _reach(task, corners)
-    around = 1 if timed else 3 + (KEEP_BEHIND + lookahead) / min(segment.length for segment in corners)
+    timed = corners[0].timed
+    if any(segment.timed != timed for segment in corners):
+        raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")
+    if timed:
+        lookahead, steps, around = 0.0, _most_steps(task, corners), 1.0
+    elif task.horizon is None:
+        raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
+    else:
+        lookahead, steps = _lookahead(task, task.horizon, corners), task.horizon
+        around = 3 + (KEEP_BEHIND + lookahead) / min(segment.length for segment in corners)
     boxes, spans = (around * max(len(getattr(s, kind)) for s in corners) for kind in ("plateaus", "spans"))
     return Extent(timed, lookahead, steps, int(min(boxes, MAX_BOXES)), int(np.clip(spans, LEAST_SPANS, MAX_SPANS)))
 
 
-def _reach(task: TaskConfig, corners: list[Segment]) -> tuple[bool, float, int]:
-    """Whether the task is timed, how far ahead the track is laid (m), and the most steps of a reference."""
-    timed = {segment.timed for segment in corners}
-    if len(timed) > 1:
-        raise ValueError(f"{task.file}: 'modes' mixes modes along a track with timed modes.")
-    if timed == {True}:
-        if task.horizon is not None:
-            raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
-        if task.sampling.order != "sequence":
-            raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
-        _check_later_modes(task)
-        return True, 0.0, COMMANDED * max(_steps(task, s) for s in corners) + 1
-    if task.horizon is None:
-        raise ValueError(f"{task.file}: 'horizon' must be a number of control steps for modes along a track.")
-    if any(s.length <= 0 for s in corners):
+def _most_steps(task: TaskConfig, corners: list[Segment]) -> int:
+    """Control steps of the longest reference of a task whose modes are timed."""
+    if task.horizon is not None:
+        raise ValueError(f"{task.file}: 'horizon' must be null for timed modes: a mode is one query.")
+    if task.sampling.order != "sequence":
+        raise ValueError(f"{task.file}: 'sampling.order' must be sequence for timed modes.")
+    _check_later_modes(task)
+    return COMMANDED * max(_steps(task, segment) for segment in corners) + 1
+
+
+def _lookahead(task: TaskConfig, horizon: int, corners: list[Segment]) -> float:
+    """How far ahead the track is laid, m: at least as far as references and observations go."""
+    if any(segment.length <= 0 for segment in corners):
         raise ValueError(f"{task.file}: 'modes' has a mode that takes no length of the track.")
-    speeds = [span.velocity[0] for s in corners for span in s.spans]
+    speeds = [span.velocity[0] for segment in corners for span in segment.spans]
     if min(speeds) < 0:
         raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
-    ahead = max(speeds) * task.horizon * task.control_dt + 0.3
-    scan = task.observations.get("height_scan") or {}
-    seen = scan.get("points", 0) * scan.get("spacing", 0.0)
-    lookahead = max(REACH, ahead, seen)
+    ahead = max(speeds) * horizon * task.control_dt + 0.3
+    observed = _observed_ahead(task)
+    lookahead = max(REACH, ahead, *observed.values())
     if lookahead > MAX_LOOKAHEAD:
+        observations = "".join(f", or 'observations.{name}'," for name in observed)
         raise ValueError(
-            f"{task.file}: speeds in 'modes' times 'horizon', or 'observations.height_scan', reach {lookahead:g} m "
-            f"ahead; at most {MAX_LOOKAHEAD:g} m of the track are laid."
+            f"{task.file}: speeds in 'modes' times 'horizon'{observations} reach {lookahead:g} m ahead; at most "
+            f"{MAX_LOOKAHEAD:g} m of the track are laid."
         )
-    return False, lookahead, task.horizon
+    return lookahead
+
+
+def _observed_ahead(task: TaskConfig) -> dict[str, float]:
+    """How far ahead of the base each observation looks that does so, m."""
+    used = {name: parameters for name, parameters in task.observations.items() if parameters is not None}
+    reach = {name: getattr(registry.observations.get(name), "reach", None) for name in used}
+    return {name: reach_of(**used[name]) for name, reach_of in reach.items() if reach_of is not None}

@@ -15,10 +15,9 @@ from torch import nn
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.latent import FEATURES, FORMAT, LATENT_SIZE, reference_features
-from ogmp_sb3.guidance.plans import make_oracle
-from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
-from ogmp_sb3.guidance.set_points import set_points, span_array, span_row
-from ogmp_sb3.guidance.srb import POS, STATE_SIZE, VEL
+from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
+from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters, flat_ground
+from ogmp_sb3.guidance.srb import POS, VEL
 
 HIDDEN = 32
 BATCH = 64
@@ -53,24 +52,18 @@ def reference_data(task: TaskConfig, per_mode: int, seed: int) -> ReferenceData:
         for _ in range(per_mode):
             call = ModeCall(name, draw_parameters(ranges, rng))
             segment = call.segment()
-            rows = [span_row(span, 0.0) for span in segment.spans]
-            x0 = np.zeros((1, STATE_SIZE))
-            x0[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height
+            segments, x0 = [segment], start_state(task, segment)
             if segment.timed:
                 length = max(round(segment.spans[-1].end / task.control_dt), 1)
             else:
                 assert task.horizon is not None
                 length = task.horizon
                 speed = segment.spans[0].velocity[0]
-                run_out = ModeCall("pace", {"v": speed, "length": RUN_OUT}).segment()
-                rows += [span_row(span, segment.length) for span in run_out.spans]
+                segments.append(flat_ground(speed, RUN_OUT).segment())
                 x0[0, VEL.start] = speed + rng.uniform(-SPREAD, SPREAD)
                 x0[0, VEL.start + 2] = rng.uniform(-SPREAD, SPREAD)
                 x0[0, POS.start + 2] += rng.uniform(-0.05, 0.1)
-            points = set_points(
-                span_array(rows)[None], np.array([segment.timed]), x0, np.array([length]), task.control_dt, task.gait
-            )
-            states.append(oracle(points, x0).state[0])
+            states.append(oracle(segment_set_points(task, segments, x0, length), x0).state[0])
             steps.append(length)
             calls.append(call)
     longest = max(steps)

@@ -17,13 +17,11 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.rotations import rpy_to_quat
 from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
 
-ENCODERS_DIR = PACKAGE / "encoders"
 LATENT_SIZE = 2
 FEATURES = 13
 FORMAT = 1
@@ -48,8 +46,7 @@ class LatentEncoder:
         :return: shape (rows, 2)
         """
         features = (reference_features(state) - self.mean) / self.std
-        wi1, wh1, b1, *second = self.weights
-        return _encode(features @ wi1 + b1, steps, wh1, *second)  # type: ignore[no-any-return]
+        return _encode(features, steps, *self.weights)  # type: ignore[no-any-return]
 
 
 def reference_features(state: np.ndarray) -> np.ndarray:
@@ -64,7 +61,7 @@ def reference_features(state: np.ndarray) -> np.ndarray:
 
 
 def load_encoder(name_or_path: str) -> LatentEncoder:
-    """Load an encoder by the name of one in ``./encoders`` or a shipped one, or by its directory.
+    """Load an encoder by the name of one in ``./encoders``, a shipped one or one of a plug-in, or by its directory.
 
     :raises KeyError: if there is none
     :raises ValueError: if its files are damaged
@@ -100,12 +97,7 @@ def task_encoder(task: TaskConfig) -> LatentEncoder | None:
 
 def encoder_dir(name_or_path: str) -> Path:
     """Where an encoder is. Raises as :func:`load_encoder`."""
-    candidates = (Path(name_or_path), Path("encoders") / name_or_path, ENCODERS_DIR / name_or_path)
-    for folder in candidates:
-        if (folder / "encoder.json").is_file():
-            return folder
-    names = {path.parent.name for root in (Path("encoders"), ENCODERS_DIR) for path in root.glob("*/encoder.json")}
-    raise KeyError(f"no encoder '{name_or_path}'{did_you_mean(name_or_path, names)} ogmp-encode trains one.")
+    return find("encoder", name_or_path).parent
 
 
 def copy_encoder(name_or_path: str, folder: Path) -> None:
@@ -125,13 +117,15 @@ def changed_file(saved: Path, used: Path) -> str | None:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _encode(inputs, steps, wh1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
-    rows, hidden, size = len(inputs), len(wh1), len(wh2)
+def _encode(features, steps, wi1, wh1, b1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
+    """Every row by itself: a matrix product over all of them would round by how many there are, and by the padding."""
+    rows, hidden, size = len(features), len(wh1), len(wh2)
     latent = np.zeros((rows, size))
     for row in range(rows):
         h1, c1, h2, c2 = np.zeros(hidden), np.zeros(hidden), np.zeros(size), np.zeros(size)
         for k in range(steps[row] + 1):
-            gates1, gates2 = inputs[row, k].copy(), b2.copy()
+            gates1, gates2 = b1.copy(), b2.copy()
+            _add_product(gates1, wi1, features[row, k])
             _add_product(gates1, wh1, h1)
             _lstm_step(gates1, h1, c1)
             _add_product(gates2, wi2, np.maximum(h1, 0.0))

@@ -11,14 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, SRB, STATE_NAMES
+from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
 from ogmp_sb3.guidance.riccati import tracking_gains
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
+from ogmp_sb3.guidance.tracking import simulate_lqr, simulate_preview, simulate_preview_upright
 
 Oracle = Callable[[SetPoints, np.ndarray], Reference]
 
@@ -64,7 +65,7 @@ def linear(set_points: SetPoints, x0: np.ndarray, plant: Plant) -> Reference:
 
 @oracles.register()
 def lqr(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track the present set-point with the stationary LQR gain of each contact segment.
 
@@ -84,13 +85,13 @@ def lqr(
     K = np.stack([_total_gain(plant, _freeze(Q), _freeze(R), eps, mean_rpy)[0] for mean_rpy in orientations])
     hover = np.zeros(6)
     hover[2] = plant.srb.mass * GRAVITY
-    state = _simulate_lqr(A, B, d, K, hover, index, set_points.stance, set_points.state, x0)
+    state = simulate_lqr(A, B, d, K, hover, index, set_points.stance, set_points.state, x0)
     return Reference(state, set_points.steps)
 
 
 @oracles.register()
 def preview(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: dict[str, float], R: dict[str, float], eps: float
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track all coming set-points with the least quadratic cost over the horizon (preview control).
 
@@ -113,12 +114,10 @@ def preview(
     weights = state_weights(Q, eps), input_weights(R) / plant.feet, P
     if len(orientations) == 1:
         dynamics = srb_axes(plant.srb, plant.dt)
-        state = _simulate_preview_upright(
-            *dynamics, *weights, set_points.stance, set_points.state, set_points.steps, x0
-        )
+        state = simulate_preview_upright(*dynamics, *weights, set_points.stance, set_points.state, set_points.steps, x0)
     else:
         A, B, d = _models(plant, orientations)
-        state = _simulate_preview(A, B, d, *weights, index, set_points.stance, set_points.state, set_points.steps, x0)
+        state = simulate_preview(A, B, d, *weights, index, set_points.stance, set_points.state, set_points.steps, x0)
     return Reference(state, set_points.steps)
 
 
@@ -190,110 +189,3 @@ def _mean_orientations(set_points: SetPoints) -> tuple[np.ndarray, list[Orientat
                 orientations.append(key)
             index[row, steps] = orientations.index(key)
     return index, orientations
-
-
-@numba.njit(cache=True)
-def _simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-untyped-def]
-    rows, knots = stance.shape
-    state = np.empty((rows, knots + 1, 12))
-    for row in range(rows):
-        state[row, 0] = x0[row]
-        for k in range(knots):
-            i = index[row, k]
-            x = state[row, k]
-            following = A[i] @ x + d
-            if stance[row, k]:
-                following += B[i] @ (hover - K[i] @ (x - r[row, k]))
-            state[row, k + 1] = following
-    return state
-
-
-@numba.njit(cache=True)
-def _simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type: ignore[no-untyped-def]
-    rows, knots = stance.shape
-    state = np.empty((rows, knots + 1, 12))
-    K = np.empty((knots, 6, 12))
-    feed_forward = np.empty((knots, 6))
-    for row in range(rows):
-        last = steps[row]
-        P = P_end.copy()
-        v = P @ r[row, last]
-        for k in range(last - 1, -1, -1):
-            i = index[row, k]
-            w = v - P @ d
-            closed_loop = A[i].copy()
-            if stance[row, k]:
-                BtP = B[i].T @ P
-                S = BtP @ B[i]
-                for j in range(6):
-                    S[j, j] += R[j]
-                right = np.empty((6, 13))
-                right[:, :12] = BtP @ A[i]
-                right[:, 12] = B[i].T @ w
-                solved = np.linalg.solve(S, right)
-                K[k] = solved[:, :12]
-                feed_forward[k] = solved[:, 12]
-                closed_loop -= B[i] @ K[k]
-            v = closed_loop.T @ w
-            P = A[i].T @ P @ closed_loop
-            for j in range(12):
-                v[j] += Q[j] * r[row, k, j]
-                P[j, j] += Q[j]
-            P = 0.5 * (P + P.T)
-        state[row, 0] = x0[row]
-        for k in range(last):
-            i = index[row, k]
-            following = A[i] @ state[row, k] + d
-            if stance[row, k]:
-                following += B[i] @ (feed_forward[k] - K[k] @ state[row, k])
-            state[row, k + 1] = following
-        for k in range(last, knots):
-            state[row, k + 1] = state[row, last]
-    return state
-
-
-@numba.njit(cache=True)
-def _simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # type: ignore[no-untyped-def]
-    """:func:`_simulate_preview` for an upright body, whose six axes are double integrators of their own.
-
-    :param b: effect of a unit of input on position and velocity of each axis, shape (6, 2)
-    :param d: gravity, shape (12,)
-    """
-    rows, knots = stance.shape
-    state = np.empty((rows, knots + 1, 12))
-    k_p, k_v, feed_forward = np.empty(knots), np.empty(knots), np.empty(knots)
-    for row in range(rows):
-        last = steps[row]
-        state[row, 0] = x0[row]
-        for axis in range(6):
-            p, v = axis, axis + 6
-            bp, bv = b[axis]
-            P11, P12, P22 = P_end[p, p], P_end[p, v], P_end[v, v]
-            v1 = P11 * r[row, last, p] + P12 * r[row, last, v]
-            v2 = P12 * r[row, last, p] + P22 * r[row, last, v]
-            for k in range(last - 1, -1, -1):
-                w1, w2 = v1 - P11 * d[p] - P12 * d[v], v2 - P12 * d[p] - P22 * d[v]
-                a12, a21, a22 = dt, 0.0, 1.0  # closed loop; a11 follows below
-                a11 = 1.0
-                if stance[row, k]:
-                    g1, g2 = bp * P11 + bv * P12, bp * P12 + bv * P22
-                    S = R[(axis + 3) % 6] + g1 * bp + g2 * bv
-                    k_p[k], k_v[k] = g1 / S, (g1 * dt + g2) / S
-                    feed_forward[k] = (bp * w1 + bv * w2) / S
-                    a11, a12 = 1.0 - bp * k_p[k], dt - bp * k_v[k]
-                    a21, a22 = -bv * k_p[k], 1.0 - bv * k_v[k]
-                v1 = Q[p] * r[row, k, p] + a11 * w1 + a21 * w2
-                v2 = Q[v] * r[row, k, v] + a12 * w1 + a22 * w2
-                # A^T P (closed loop) + Q, with A = [[1, dt], [0, 1]]
-                n11 = Q[p] + P11 * a11 + P12 * a21
-                n12 = P11 * a12 + P12 * a22
-                n22 = Q[v] + (P11 * dt + P12) * a12 + (P12 * dt + P22) * a22
-                P11, P12, P22 = n11, n12, n22
-            for k in range(last):
-                xp, xv = state[row, k, p], state[row, k, v]
-                u = feed_forward[k] - k_p[k] * xp - k_v[k] * xv if stance[row, k] else 0.0
-                state[row, k + 1, p] = xp + dt * xv + bp * u + d[p]
-                state[row, k + 1, v] = xv + bv * u + d[v]
-        for k in range(last, knots):
-            state[row, k + 1] = state[row, last]
-    return state

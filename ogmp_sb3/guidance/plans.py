@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -11,10 +12,11 @@ from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.course import Course
 from ogmp_sb3.guidance.latent import LATENT_SIZE, task_encoder
+from ogmp_sb3.guidance.modes import Segment
 from ogmp_sb3.guidance.oracles import Oracle, Plant
 from ogmp_sb3.guidance.rotations import rpy_to_quat
-from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points
-from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
+from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points, span_array, span_row
+from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
 
 def make_oracle(task: TaskConfig) -> Oracle:
@@ -23,6 +25,27 @@ def make_oracle(task: TaskConfig) -> Oracle:
     robot = task.robot_config
     plant = Plant(robot.srb, task.control_dt, feet=len(robot.feet))
     return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
+
+
+def start_state(task: TaskConfig, segment: Segment) -> np.ndarray:
+    """The state of a robot that stands at the start of a mode, shape (1, 12)."""
+    state = np.zeros((1, STATE_SIZE))
+    state[0, POS.start + 2] = task.robot_config.nominal_height + segment.start_height
+    return state
+
+
+def segment_set_points(task: TaskConfig, segments: Iterable[Segment], x0: np.ndarray, steps: int) -> SetPoints:
+    """What a task's modes ask of the oracle from the start of the first of them on.
+
+    :param segments: of the modes, one behind the other along the track; or one of a timed mode
+    :param x0: state at the query, shape (1, 12)
+    :param steps: how far to look, control steps
+    """
+    offset, timed, rows = 0.0, False, []
+    for segment in segments:
+        rows += [span_row(span, offset) for span in segment.spans]
+        offset, timed = offset + segment.length, segment.timed
+    return set_points(span_array(rows)[None], np.array([timed]), x0, np.array([steps]), task.control_dt, task.gait)
 
 
 class Plans:

@@ -13,7 +13,7 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import modes
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import CurriculumConfig
-from ogmp_sb3.guidance.modes import Segment
+from ogmp_sb3.guidance.modes import Segment, pace
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,15 @@ class ModeCall:
     def segment(self) -> Segment:
         """What the mode asks for."""
         return modes.get(self.name)(**self.parameters)  # type: ignore[no-any-return]
+
+
+def flat_ground(speed: float, length: float) -> ModeCall:
+    """What lies behind the end of a track, or behind a mode by itself. A mode, so that courses can record it by name.
+
+    :param speed: m/s
+    :param length: m
+    """
+    return ModeCall(pace.__name__, {"v": speed, "length": length})
 
 
 PlainModes = list[list[Any]]

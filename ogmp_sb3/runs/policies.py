@@ -1,4 +1,4 @@
-"""Trained policies: loaded by the name of one that ships, or from wherever a training or a user keeps them."""
+"""Trained policies: loaded by name, or from wherever a training or a user keeps them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 
-from ogmp_sb3.config.catalogue import PACKAGE, task_path
+from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.load import task_from_data
-from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
@@ -26,7 +26,6 @@ from ogmp_sb3.runs.sb3_zip import load_zip
 from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, verify
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 
-POLICIES_DIR = PACKAGE / "policies"
 KNOWN = {"num_timesteps": int | None, "return": float | None, "versions": dict[str, str] | None}  # in policy.json
 
 
@@ -70,7 +69,7 @@ class LoadedPolicy:
 
 
 def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -> LoadedPolicy:
-    """Load a policy by the name of a shipped one, a policy or checkpoint directory, or a run directory.
+    """Load a policy by name, or by the directory of a policy, a checkpoint or a run.
 
     :param trust: also load SB3's ``.zip`` of a :class:`RecurrentPPO`, which can run any code
     :param task: of a ``.zip``, which does not say it: a shipped task or the path of a YAML file
@@ -84,6 +83,12 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
     folder = policy_dir(run)
     if (folder / MANIFEST).is_file():
         verify(folder, WEIGHTS, INFO)
+    info, config, data, path, network = _read_info(folder)
+    return LoadedPolicy(_policy(network, folder), config, data, path, info, folder)
+
+
+def _read_info(folder: Path) -> tuple[dict[str, Any], TaskConfig, dict[str, Any], Path, Network]:
+    """What ``policy.json`` says: all of it, the task, its data and its file, and the sizes of the networks."""
     file = folder / INFO
     info, where = load_json(file), Where(str(file))
     if info.get("format") != FORMAT:
@@ -96,15 +101,19 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
             read(kind, info.get(key), where / key)  # type: ignore[arg-type]
         if (folder / ENCODER).is_dir():
             task_data["encoder"] = str(_lasting(folder) / ENCODER)
-        task_config = task_from_data(task_data, path)
+        return info, task_from_data(task_data, path), task_data, path, network
     except (KeyError, TypeError, ValueError) as error:
-        said = str(error.args[0])
-        raise ValueError(said if said.startswith(str(file)) else f"{file}: {said}") from None
+        reason = str(error.args[0])
+        raise ValueError(reason if reason.startswith(str(file)) else f"{file}: {reason}") from None
+
+
+def _policy(network: Network, folder: Path) -> LstmPolicy:
+    """A policy of the given sizes with the weights in a directory."""
     weights = policy_weights(folder)
     try:
         network.check(weights)
     except ValueError as error:
-        raise ValueError(f"{file}: 'network' does not fit {WEIGHTS} ({error}).") from None
+        raise ValueError(f"{folder / INFO}: 'network' does not fit {WEIGHTS} ({error}).") from None
     scale = np.array(network.scale, dtype=np.float32)
     policy = LstmPolicy(
         spaces.Box(-CLIP * scale, CLIP * scale, dtype=np.float32),
@@ -114,7 +123,7 @@ def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -
     )
     put_weights(policy, weights, folder)
     policy.set_training_mode(False)
-    return LoadedPolicy(policy, task_config, task_data, path, info, folder)
+    return policy
 
 
 def _lasting(folder: Path) -> Path:
@@ -126,28 +135,23 @@ def _lasting(folder: Path) -> Path:
 def _imported(file: Path, trust: bool, task: str | None) -> LoadedPolicy:
     """A policy from SB3's ``.zip``."""
     policy, samples = load_zip(file, trust, task)
-    path = task_path(str(task))
+    path = find("task", str(task))
     data = read_yaml(path)
     return LoadedPolicy(policy, task_from_data(data, path), data, path, {"num_timesteps": samples}, file)
 
 
 def policy_dir(run: str | Path) -> Path:
-    """The directory that holds ``policy.json``: a directory that is there, or else that of a shipped policy.
+    """The directory that holds ``policy.json``: a directory that is there, or else that of a policy by name.
 
     :raises KeyError: if there is none
     """
     path = Path(run)
-    if (path / INFO).is_file():
-        return path
-    if (path / CHECKPOINTS).is_dir():
-        return latest_checkpoint(path)
-    if path.is_dir():
-        raise KeyError(f"'{run}' is a directory here, but neither a run nor a policy.")
-    shipped = POLICIES_DIR / str(run)
-    if len(path.parts) == 1 and (shipped / INFO).is_file():
-        return shipped
-    names = [p.parent.name for p in POLICIES_DIR.glob(f"*/{INFO}")]
-    raise KeyError(f"'{run}' is neither a run directory nor a shipped policy{did_you_mean(str(run), names)}")
+    if not (path / INFO).is_file():
+        if (path / CHECKPOINTS).is_dir():
+            return latest_checkpoint(path)
+        if path.is_dir():
+            raise KeyError(f"'{run}' is a directory here, but neither a run nor a policy.")
+    return find("policy", run).parent
 
 
 @dataclass(frozen=True, kw_only=True)

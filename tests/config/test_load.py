@@ -9,7 +9,6 @@ import pytest
 
 from helpers.mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 from ogmp_sb3 import load_task
-from ogmp_sb3.config.catalogue import task_names, task_path
 from ogmp_sb3.config.robot import INPUT_NAMES
 from ogmp_sb3.config.task import TaskConfig
 
@@ -107,32 +106,3 @@ def test_a_file_that_is_no_task_is_one_sentence(tmp_path: Path, text: str, kind:
         load_task(path)
     assert caught.value.args[0].startswith(f"{path}: ")
     assert "\n" not in caught.value.args[0]
-
-
-# ---- task_path, task_names ----
-
-
-def test_a_task_is_found_by_name_and_by_path(tmp_path: Path) -> None:
-    assert set(SHIPPED) <= set(task_names())
-    assert all(task_path(name).is_file() for name in task_names())
-    path = write(tmp_path, SHIPPED["parkour"])
-    assert task_path(path) == task_path(str(path)) == path
-    assert load_task(path).name == "mine"
-
-
-@pytest.mark.parametrize("name", ["parkuor", "Parkour"])
-def test_an_unknown_task_has_a_closest_match(name: str) -> None:
-    with pytest.raises(KeyError, match=rf"unknown task '{name}' \(allowed: .*\)\. Did you mean 'parkour'\? Or give"):
-        load_task(name)
-
-
-@pytest.mark.parametrize("name", ["", ".", "..", "*", "a\nb", "a\0b", "x" * 5000, 3, None])
-def test_what_cannot_name_a_task_is_an_error(name: Any) -> None:
-    with pytest.raises(KeyError, match="unknown task"):
-        load_task(name)
-
-
-@pytest.mark.parametrize("name", ["nothing.yaml", "/", "/nowhere/x.yml", "a\0b.yaml", "x" * 5000 + ".yaml"])
-def test_a_missing_task_file_is_an_error(name: str) -> None:
-    with pytest.raises(ValueError, match="no such file"):
-        load_task(name)

@@ -26,23 +26,26 @@ from helpers.paths import ROOT
 from helpers.plugins import lay
 from helpers.programs import script
 from ogmp_sb3.config import plugins, registry
-from ogmp_sb3.config.catalogue import task_names, task_path
+from ogmp_sb3.config.catalogue import PACKAGE, find, names
 from ogmp_sb3.config.editor_schema import task_schema
 from ogmp_sb3.config.load import load_robot, load_task
 from ogmp_sb3.config.plugins import NameTaken
 from ogmp_sb3.config.robot import RobotConfig
+from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.guidance.modes import Contact
 from ogmp_sb3.guidance.oracles import Plant
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import SetPoints
 from ogmp_sb3.guidance.srb import POS, VEL
+from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.settings import versions
 
 EXAMPLE = ROOT / "examples" / "ogmp_pup"
-STAIRS = task_path("stairs").read_text(encoding="utf-8")
+STAIRS = find("task", "stairs").read_text(encoding="utf-8")
 SKIP = """
 from ogmp_sb3.guidance.modes import Segment, Span
 from ogmp_sb3.config.registry import modes
@@ -101,17 +104,36 @@ def test_modes_tasks_and_robots_of_a_plugin_are_found_by_name(install: Install) 
     assert task.name == "skipping"
     assert task.mode_ranges["skip"]["v"].high == 0.4
     assert task.robot_config.path == folder / "robots" / "hectar" / "robot.yaml"
-    assert {"skipping", "parkour"} <= set(task_names())
+    assert {"skipping", "parkour"} <= set(names("task"))
     assert ModeCall("skip", {"v": 0.5}).segment().length == 1.0
     assert BatchEnv(task).step(np.zeros((1, 10))).reward.shape == (1,)
     assert [plugin.folder for plugin in plugins.loaded_plugins()] == [folder]
     assert versions()["plug_a"] == "1.2"
 
 
+def test_scenes_encoders_and_policies_of_a_plugin_are_found_by_name(
+    install: Install,
+) -> None:
+    folder = install(
+        "plug_a",
+        {"__init__.py": SKIP.format(name="skip"), "tasks/scenes/slower.yaml": find("scene", "faster").read_text()},
+    )
+    for kind in ("encoders", "policies"):
+        shutil.copytree(PACKAGE / kind / "dive", folder / kind / "diving")
+    assert find("scene", "slower") == folder / "tasks" / "scenes" / "slower.yaml"
+    task = task_for_test(read_yaml(find("task", "parkour")), find("task", "parkour"), [], "slower", "test")
+    assert task.sampling.order == "sequence"
+    states, steps = np.zeros((1, 4, 12)), np.array([3])
+    np.testing.assert_array_equal(load_encoder("diving")(states, steps), load_encoder("dive")(states, steps))
+    assert load_policy("diving").path == folder / "policies" / "diving"
+    assert {"dive", "diving"} <= set(names("encoder")) & set(names("policy"))
+    assert names("task") == ["dive", "parkour", "stairs"]
+
+
 def test_the_entry_point_may_name_a_module_inside_the_package(install: Install) -> None:
     files = {"__init__.py": "", "terms.py": SKIP.format(name="skip"), "tasks/skipping.yaml": task_of("skip")}
     folder = install("plug_a", files, entry="plug_a.terms")
-    assert task_path("skipping") == folder / "tasks" / "skipping.yaml"
+    assert find("task", "skipping") == folder / "tasks" / "skipping.yaml"
     load_task("skipping")
 
 
@@ -122,7 +144,7 @@ def test_a_single_file_may_register_but_brings_no_folders(install: Install, tmp_
     (tmp_path / "tasks").mkdir()
     (tmp_path / "tasks" / "stray.yaml").write_text(STAIRS)
     assert "skip" in registry.modes.names()
-    assert "stray" not in task_names()
+    assert "stray" not in names("task")
 
 
 def test_a_plugin_may_look_names_up_while_it_is_imported(install: Install) -> None:
@@ -168,7 +190,7 @@ def test_a_broken_plugin_breaks_nobody_else(broken: None) -> None:
 
 def test_a_broken_plugin_leaves_nothing_behind(broken: None) -> None:
     assert "limp" not in registry.modes.names()
-    assert "limping" not in task_names()
+    assert "limping" not in names("task")
 
 
 @pytest.mark.parametrize(
@@ -208,6 +230,9 @@ def test_an_entry_point_must_name_a_module(install: Install, tmp_path: Path, ent
         ({"__init__.py": "", "tasks/dive.yaml": STAIRS}, r"plug_b/tasks/dive\.yaml .* of .*ogmp_sb3/tasks/dive"),
         ({"__init__.py": "", "tasks/skipping.yaml": ""}, r"plug_b/tasks/skipping\.yaml .* of .*plug_a/tasks"),
         ({"__init__.py": "", "robots/hector/robot.yaml": ""}, r"plug_b/robots/.* of .*ogmp_sb3/robots"),
+        ({"__init__.py": "", "tasks/scenes/faster.yaml": ""}, r"plug_b/tasks/scenes/.* of .*ogmp_sb3/tasks/scenes"),
+        ({"__init__.py": "", "encoders/dive/encoder.json": ""}, r"plug_b/encoders/.* of .*ogmp_sb3/encoders"),
+        ({"__init__.py": "", "policies/dive/policy.json": ""}, r"plug_b/policies/.* of .*ogmp_sb3/policies"),
     ],
 )
 def test_a_name_clash_is_an_error_that_names_both(install: Install, files: dict[str, str], message: str) -> None:
@@ -334,7 +359,7 @@ def test_the_example_s_terms_tell_where_down_is_and_how_far_the_trunk_leans(pup:
 
 
 def test_the_schema_for_editors_knows_what_the_example_brings(pup: RobotConfig) -> None:
-    data = read_yaml(task_path("hurdles"))
+    data = read_yaml(find("task", "hurdles"))
     validator = Draft202012Validator(task_schema())
     validator.validate(data)
     data["modes"]["hurdle"]["hight"] = 0.1

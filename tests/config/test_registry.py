@@ -6,7 +6,6 @@ import pytest
 
 from helpers.paths import ROOT
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.registry import NameTaken, Registry
 
 DOCS = ROOT / "docs"
@@ -34,21 +33,6 @@ def terms() -> Registry:
         return 0.0
 
     return terms
-
-
-# ---- did_you_mean ----
-
-
-def test_the_hint_lists_sorted_names_and_the_closest_match() -> None:
-    assert did_you_mean("lenght", ["start", "length"]) == " (allowed: length, start). Did you mean 'length'?"
-
-
-def test_the_hint_suggests_nothing_for_a_name_unlike_all() -> None:
-    assert did_you_mean("qqq", ["start", "length"]) == " (allowed: length, start)."
-
-
-def test_the_hint_says_that_nothing_is_allowed() -> None:
-    assert did_you_mean("x", []) == " (allowed: none)."
 
 
 # ---- register, get, names ----

@@ -6,9 +6,9 @@ import re
 
 import pytest
 
-from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.catalogue import TASKS_DIR, find
 from ogmp_sb3.config.ranges import Range
-from ogmp_sb3.config.scenes import SCENES_DIR, TRAINING_ONLY, task_for_test
+from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
 from ogmp_sb3.config.yaml_files import read_yaml
 
 PATH = TASKS_DIR / "parkour.yaml"
@@ -49,6 +49,6 @@ def test_a_test_of_robustness_uses_the_disturbances_of_the_training() -> None:
 
 
 def test_a_scene_of_one_s_own_is_read_from_its_file(tmp_path) -> None:
-    scene = (SCENES_DIR / "faster.yaml").read_text(encoding="utf-8")
+    scene = find("scene", "faster").read_text(encoding="utf-8")
     (tmp_path / "mine.yaml").write_text(scene, encoding="utf-8")
     assert parkour(scene=str(tmp_path / "mine.yaml")).sampling == parkour(scene="faster").sampling

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.guidance.course import Course, standing_deviation, standing_still
+from ogmp_sb3.guidance.course import REACH, Course, extent, standing_deviation, standing_still
 from ogmp_sb3.guidance.sampling import ModeCall
 
 STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": None}, "curriculum": None}
@@ -52,6 +53,31 @@ def test_the_reference_of_a_real_query_ends_that_far_ahead() -> None:
         x = env.step(np.zeros((1, env.action_size)), np.array([], dtype=int)).view.reference[0, 3]  # physics at rest
     low, high = standing_deviation(task)
     assert low - 0.05 < x - start < high + 0.05
+
+
+def camera(view, far: float): ...
+
+
+def test_the_track_is_laid_as_far_as_any_observation_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry.observations, "_functions", dict(registry.observations._functions))
+    registry.observations.register()(registry.looks_ahead(lambda far: far)(camera))
+    assert extent(load_task("parkour", STEADY)).lookahead == REACH
+    scan = {"points": 20, "spacing": 0.1}
+    assert extent(load_task("parkour", {**STEADY, "observations.height_scan": scan})).lookahead == 2.0
+    task = load_task("parkour", {**STEADY, "observations.height_scan": scan, "observations.camera": {"far": 5}})
+    assert extent(task).lookahead == 5.0
+    task = load_task("parkour", {**STEADY, "observations.height_scan": None, "observations.camera": {"far": 200}})
+    with pytest.raises(ValueError, match=r"'horizon', or 'observations\.camera', reach 200 m ahead; at most 100 m"):
+        extent(task)
+    with pytest.raises(ValueError, match=r"speeds in 'modes' times 'horizon' reach 901\.2 m ahead"):
+        extent(load_task("parkour", {**STEADY, "observations.height_scan": None, "modes.pace.v": 1001.0}))
+
+
+def test_behind_the_end_of_a_track_the_ground_is_flat_and_the_speed_that_of_the_last_mode() -> None:
+    course, rng = Course(load_task("parkour", {**STEADY, "track.length": 2.5}), num_envs=1), np.random.default_rng(0)
+    course.begin(0, rng, 1.0)
+    course.extend(0, 3.0, rng, 1.0)
+    assert course.modes[0][3:5] == [ModeCall("pace", {"v": 0.8, "length": 1.0})] * 2
 
 
 def test_every_place_on_a_track_belongs_to_the_mode_that_was_laid_there() -> None:

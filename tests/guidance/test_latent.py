@@ -82,6 +82,13 @@ def test_padding_behind_a_reference_does_not_change_its_latent(model, data, tmp_
     np.testing.assert_array_equal(loaded(longer, data.steps), loaded(data.state, data.steps))
 
 
+def test_the_latent_of_a_reference_does_not_depend_on_the_others_beside_it(model, data, tmp_path) -> None:
+    encoder.save_encoder(model, tmp_path, {})
+    loaded = latent.load_encoder(str(tmp_path))
+    one_by_one = [loaded(data.state[i : i + 1], data.steps[i : i + 1])[0] for i in range(len(data.steps))]
+    np.testing.assert_array_equal(loaded(data.state, data.steps), one_by_one)
+
+
 def test_nearest_mode_accuracy_counts_right_neighbours() -> None:
     train = np.array([[0.0, 0.0], [1.0, 1.0]])
     test = np.array([[0.1, 0.0], [0.9, 1.0], [0.8, 0.9], [0.2, 0.1]])

@@ -6,8 +6,10 @@ import numpy as np
 
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.guidance.course import Course
-from ogmp_sb3.guidance.plans import Plans
+from ogmp_sb3.guidance.plans import Plans, segment_set_points, start_state
 from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.sampling import ModeCall, flat_ground
+from ogmp_sb3.guidance.set_points import set_points
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
 ENVS = 3
@@ -71,3 +73,25 @@ def test_states_that_are_not_fed_back_do_not_reach_the_oracle() -> None:
     level = plans.reference.copy()
     plans.query(np.arange(ENVS), tilted, course)
     np.testing.assert_array_equal(plans.reference, level)
+
+
+def test_modes_by_themselves_are_asked_for_as_a_course_asks_for_them() -> None:
+    task = load_task("parkour", {"curriculum": None})
+    segments = [ModeCall("jump", {"w": 0.4, "h": 0.2}).segment(), flat_ground(0.8, 5.0).segment()]
+    x0 = start_state(task, segments[0])
+    points = segment_set_points(task, segments, x0, HORIZON)
+    assert points.state.shape == (1, HORIZON + 1, STATE_SIZE)
+    course = Course(task, 1)
+    for call in (ModeCall("jump", {"w": 0.4, "h": 0.2}), flat_ground(0.8, 5.0)):
+        course.command(0, call)
+    course.begin(0, np.random.default_rng(0), level=1.0)
+    laid = set_points(course.spans, np.array([False]), x0, np.array([HORIZON]), task.control_dt, task.gait)
+    np.testing.assert_array_equal(points.state, laid.state)
+    np.testing.assert_array_equal(points.stance, laid.stance)
+
+
+def test_a_robot_starts_a_mode_on_the_ground_where_the_mode_begins() -> None:
+    task = load_task("dive")
+    state = start_state(task, ModeCall("flip", {"r": "left", "h": 1.3}).segment())
+    assert state[0, POS.start + 2] == task.robot_config.nominal_height + 1.3
+    assert np.count_nonzero(state) == 1

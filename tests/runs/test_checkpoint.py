@@ -19,7 +19,7 @@ from helpers.learners import learner, policy_info, update
 from helpers.programs import SMALL, program
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.runs.checkpoint import copy_policy, latest_checkpoint, load_trainer, save_checkpoint, try_checkpoint
-from ogmp_sb3.runs.policies import POLICIES_DIR, load_policy, policy_dir
+from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import checkpoint_dirs
 from ogmp_sb3.runs.storage import MANIFEST, verify, write_manifest
 
@@ -242,22 +242,6 @@ def test_only_directories_with_a_number_are_checkpoints(saved: Path, tmp_path: P
     assert latest_checkpoint(tmp_path).name == "000000000016"
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("nowhere", "'nowhere' is neither a run directory nor a shipped policy"),
-        ("../policies/parkour", "is neither a run directory nor a shipped policy"),
-        ("", "'' is a directory here, but neither a run nor a policy"),
-        ("parkour", "'parkour' is a directory here, but neither a run nor a policy"),  # not the shipped one
-    ],
-)
-def test_a_name_that_is_no_policy_is_a_sentence(name: str, sentence: str, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "parkour" / "2026-01-31_12-00-00").mkdir(parents=True)
-    with pytest.raises(KeyError, match=sentence):
-        policy_dir(name)
-
-
 def test_a_policy_outlives_the_checkpoint_it_was_loaded_from(run: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(run, tmp_path / "run")
     loaded = load_policy(copy)
@@ -285,8 +269,3 @@ def test_the_digest_is_of_what_counts_and_not_of_paths(run: Path, tmp_path: Path
     assert replace(loaded, task=task).digest != digest
     other = replace(loaded.task, encoder="dive")
     assert replace(loaded, task=other).digest != digest
-
-
-def test_no_file_that_ships_is_a_pickle() -> None:
-    suffixes = {path.suffix for path in POLICIES_DIR.glob("*/**/*") if path.is_file() and "wip" not in path.parts}
-    assert suffixes <= {".json", ".safetensors", ".md"}

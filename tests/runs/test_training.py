@@ -20,7 +20,7 @@ from safetensors.torch import load_file
 
 from helpers.paths import ROOT
 from helpers.programs import SMALL, program
-from ogmp_sb3.config.catalogue import PACKAGE, task_path
+from ogmp_sb3.config.catalogue import PACKAGE, find
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
@@ -65,10 +65,10 @@ def test_a_training_leaves_no_environment_in_memory(tmp_path: Path) -> None:
     settings = {key: data[key] for key in (field.name for field in fields(TrainConfig)) if key in data}
     settings |= {"total_timesteps": 16, "num_envs": 1}
     settings["ppo"] |= {"n_steps": 16, "batch_size": 16, "n_epochs": 1}
-    task_data = read_yaml(task_path("dive"))
+    task_data = read_yaml(find("task", "dive"))
     before = sum(type(thing) is BatchEnv for thing in gc.get_objects())
     config = read(TrainConfig, settings, Where("settings"))
-    task = task_from_data(task_data, task_path("dive"))
+    task = task_from_data(task_data, find("task", "dive"))
     train(Job(task=task, task_data=task_data, config=config, run_dir=tmp_path / "run"), resume=False)
     assert sum(type(thing) is BatchEnv for thing in gc.get_objects()) <= before
 

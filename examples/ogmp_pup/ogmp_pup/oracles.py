@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ogmp_sb3.extend import POS, VEL, Plant, Reference, SetPoints, oracle
+from ogmp_sb3.extend import POS, VEL, Plant, Positive, Reference, SetPoints, oracle
 
 
 @oracle
-def fade(set_points: SetPoints, x0: np.ndarray, plant: Plant, time_constant: float) -> Reference:
+def fade(set_points: SetPoints, x0: np.ndarray, plant: Plant, time_constant: Positive) -> Reference:
     """Follow the set-points; the offset from them at the query fades exponentially.
 
     :param set_points: what the modes ask for

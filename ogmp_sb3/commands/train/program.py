@@ -18,7 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import REPLACES_TASK, checked, run_hydra, sentence
-from ogmp_sb3.config.catalogue import TASKS_DIR, task_names, task_path
+from ogmp_sb3.config import catalogue
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
@@ -119,17 +119,17 @@ def _register_tasks(arguments: list[str]) -> list[str]:
             names.update(given)
             by_path.update(set(given) - set(value.split(",")))
         rewritten.append(argument)
-    known = {path.stem for path in TASKS_DIR.glob("*.yaml")}
+    known = {path.stem for path in catalogue.TASKS_DIR.glob("*.yaml")}
     own = {path.stem for folder in _config_dirs(arguments) for path in folder.glob("task/*.yaml")} | by_path
     all_listed = not names or bool({"--help", "-h"} & set(arguments))
     if all_listed or not names <= known | own:
-        known.update(task_names())
+        known.update(catalogue.names("task"))
     for name in known - own:  # a user's file of the same name counts
-        _store(name, task_path(name))
+        _store(name, catalogue.find("task", name))
     if not any(argument.startswith("hydra.searchpath=") for argument in arguments):
         for name in names - known - own:
             if not name or name.replace("-", "_").isidentifier():  # not one of Hydra's expressions, such as glob(*)
-                task_path(name)
+                catalogue.find("task", name)
     return rewritten
 
 

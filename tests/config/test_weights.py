@@ -1,0 +1,68 @@
+"""Parameters that are checked by their annotation, those of a plug-in's functions too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.mistakes import SHIPPED, put, sentence, write
+from ogmp_sb3 import load_task
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.editor_schema import task_schema
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
+
+EVERY_INPUT = dict.fromkeys(INPUT_NAMES, 1)
+
+
+def track(set_points, x0, plant, states: StateWeights, inputs: InputWeights, delay: Positive = 0.1): ...
+
+
+@pytest.fixture
+def oracle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An oracle that is not ours, with parameters of other names than ours have."""
+    monkeypatch.setitem(registry.oracles._functions, "track", track)
+
+
+def test_checked_values_are_plain(oracle: None, tmp_path: Path) -> None:
+    parameters = {"states": {"x": 0}, "inputs": EVERY_INPUT, "delay": 1}
+    task = load_task(write(tmp_path, put(SHIPPED["parkour"], "oracle_params.track", parameters)))
+    assert task.oracle_params["track"] == parameters
+    assert {type(value) for value in task.oracle_params["track"].values()} == {dict, float}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "kind", "message"),
+    [
+        ("states", {"rol": 1}, KeyError, "track.states' has 'rol' (allowed: "),
+        ("states", {"x": -1}, ValueError, "track.states.x' must be at least 0, found -1."),
+        ("states", 3, TypeError, "track.states' must be a mapping"),
+        ("inputs", {"fw": 1}, KeyError, "track.inputs' has 'fw' (allowed: fx, fy, fz, mx, my, mz)."),
+        ("inputs", {"fx": 1}, KeyError, "track.inputs.fy' is missing: every input needs a weight."),
+        ("inputs", {**EVERY_INPUT, "mx": 0}, ValueError, "track.inputs.mx' must be above 0, found 0."),
+        ("delay", 0, ValueError, "track.delay' must be above 0, found 0."),
+        ("delay", "long", TypeError, "track.delay' must be a number"),
+    ],
+)
+def test_a_mistake_in_a_checked_parameter_is_one_sentence(
+    oracle: None, tmp_path: Path, key: str, value: Any, kind: type[Exception], message: str
+) -> None:
+    parameters = {"states": {}, "inputs": EVERY_INPUT, key: value}
+    assert message in sentence(kind, write(tmp_path, put(SHIPPED["parkour"], "oracle_params.track", parameters)))
+
+
+def test_a_checked_type_may_be_null_or_inside_another() -> None:
+    assert read(Positive | None, None, Where("file")) is None  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="file: 'b' must be above 0, found -2"):
+        read(dict[str, Positive], {"a": 1, "b": -2}, Where("file"))
+
+
+def test_an_editor_knows_the_names_of_weights(oracle: None) -> None:
+    parameters = task_schema()["properties"]["oracle_params"]["properties"]["track"]["properties"]
+    assert list(parameters["states"]["properties"]) == list(STATE_NAMES)
+    assert list(parameters["inputs"]["properties"]) == list(INPUT_NAMES)
+    assert parameters["delay"]["type"] == "number"
