@@ -60,7 +60,8 @@ def _job_folders(path: Path) -> Iterator[Path]:
 
 def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
     """What tells a job from the others: its command line without what may change when it goes on."""
-    return frozenset(override for override in overrides if plain_key(override.partition("=")[0]) not in RESUMABLE)
+    pairs = (override.partition("=") for override in overrides)
+    return frozenset(f"{plain_key(key)}{sign}{value}" for key, sign, value in pairs if plain_key(key) not in RESUMABLE)
 
 
 def setting(job: Run, key: str) -> Any:
