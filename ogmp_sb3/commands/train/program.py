@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import given_bare
+from ogmp_sb3.commands.train.search import expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.load import task_from_data
@@ -96,21 +97,14 @@ def _run(arguments: list[str]) -> None:
 def main() -> None:
     """Entry point."""
     arguments = sys.argv[1:]
-    searches = [argument.removeprefix("+search=") for argument in arguments if argument.startswith("+search=")]
     try:
         if any(argument.startswith("resume=") for argument in arguments):
             _resume(arguments)
-        elif searches:
-            from ogmp_sb3.commands.train.search import (
-                search,  # brings evaluation and its plots, which a training does without
-            )
-
-            rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith("+search=")]
-            search(searches[-1], rest, _run)
         else:
+            register_sweeper()
             if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
                 arguments.append("task=parkour")  # Hydra shows no help before the task is known
-            _run(arguments)
+            _run(expanded(arguments))
     except cli.MISTAKES as error:
         cli.fail(PROGRAM, error)
     except KeyboardInterrupt:  # a second Ctrl-C, or one before the training began
