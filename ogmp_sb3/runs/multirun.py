@@ -15,6 +15,7 @@ from ogmp_sb3.runs.run_directory import CONFIG, OVERRIDES, RESUMABLE, Run, read_
 
 MISSING, DAMAGED = "missing", "damaged"
 MULTIRUN = "multirun.yaml"
+SWEEPERS = (BasicSweeper.__name__, "HalvingSweeper")  # whose command line says which jobs there are
 
 
 def read_sweep(path: Path, asked: bool = False) -> list[Run]:
@@ -60,7 +61,8 @@ def _job_folders(path: Path) -> Iterator[Path]:
 
 def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
     """What tells a job from the others: its command line without what may change when it goes on."""
-    return frozenset(override for override in overrides if plain_key(override.partition("=")[0]) not in RESUMABLE)
+    pairs = (override.partition("=") for override in overrides)
+    return frozenset(f"{plain_key(key)}{sign}{value}" for key, sign, value in pairs if plain_key(key) not in RESUMABLE)
 
 
 def setting(job: Run, key: str) -> Any:
@@ -88,7 +90,7 @@ def _wanted(path: Path) -> list[tuple[str, ...]]:
     """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
     hydra = read_yaml(path).get("hydra", {})
     sweeper = hydra.get("sweeper", {})
-    if not str(sweeper.get("_target_", "")).endswith(BasicSweeper.__name__):
+    if not str(sweeper.get("_target_", "")).endswith(SWEEPERS):
         return []
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
     given = [*params, *hydra.get("overrides", {}).get("task", [])]

@@ -100,7 +100,7 @@ def test_a_training_composes_and_writes_where_its_report_reads(command: str) -> 
     searches = [argument.removeprefix("+search=") for argument in arguments if argument.startswith("+search=")]
     assert set(searches) <= set(VALUES)
     single = [argument.partition(",")[0] for argument in arguments if not argument.startswith("+search=")]
-    overrides = train._register_tasks(single)
+    overrides, _ = train.register_tasks(single)
     with initialize_config_module("ogmp_sb3.conf", version_base="1.3"):
         config = compose("train", [*overrides, "hydra/launcher=basic"], return_hydra_config=True)
     if "+experiment=" in command:

@@ -3,76 +3,174 @@
 Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML 2013. It needs runs that go on
 where they stopped, which ours are. Policies are compared by the task's true objective under its test protocol, where
 none has a bound: training returns of different bounds cannot be compared.
+
+It is a sweeper of Hydra's, ``hydra/sweeper=halving``, and runs its jobs on whatever launcher is chosen;
+``+search=<key>`` is short for it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.core.plugins import Plugins
+from hydra.plugins.launcher import Launcher
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf
 from rich.table import Table
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.config.yaml_files import read_value, read_yaml
-from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.result_cache import ResultCache
-from ogmp_sb3.runs.multirun import plain_key, read_sweep, setting
+from ogmp_sb3.runs.multirun import MULTIRUN, plain_key, setting
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import Run, read_run
-from ogmp_sb3.sb3.hyperparameters import DEFAULTS
+from ogmp_sb3.runs.run_directory import FAILURE, Run, read_run
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
 VALUES = {"rho": "0.05,0.1,0.2,0.3,0.4,0.5,0.6,0.8"}  # of keys that a command line need not give values
 SCORES = "halving.jsonl"  # in the directory of the search
-OWN = ("total_timesteps", "hydra.sweep.dir")  # keys that the search sets for every round
+SHORT = "+search="
+HOME = "hydra._internal.core_plugins.ogmp_sb3"  # Hydra takes plug-ins from its own packages alone
+BUDGET = "total_timesteps"  # the key that the search sets for every round
 
 
-def search(key: str, arguments: list[str], multirun: Callable[[list[str]], object]) -> None:
-    """Run a search; one that was killed goes on with the same command.
+def expanded(arguments: list[str]) -> list[str]:
+    """A command line with ``+search=<key>`` in Hydra's words; one without stays as it is.
 
-    :param key: what varies, e.g. ``rho``; a key of the task with or without ``task.``
-    :param arguments: the command line without the search
-    :param multirun: runs ``ogmp-train`` with a command line
     :raises ValueError: if there are no values to compare
     """
-    key = typed = plain_key(key)
-    own: dict[str, str] = {}
-    rest, task = [], ""
-    for argument in arguments:
-        name, sign, value = argument.partition("=")
-        typed = name if plain_key(name) == key else typed
-        task = Path(value).stem if name == "task" else task
-        if not sign or plain_key(name) not in (key, *OWN):
-            rest.append(argument)
-        elif plain_key(name) in own:
-            raise ValueError(f"'{plain_key(name)}' is given twice.")
-        else:
-            own[plain_key(name)] = value
-    if key not in {**VALUES, **own}:
-        raise ValueError(f"'+search={key}' needs the values that it compares: {key}=<value>,<value>,...")
-    values = [_plain_value(key, value) for value in {**VALUES, **own}[key].split(",")]
-    samples = _value("total_timesteps", own.get("total_timesteps", str(read_yaml(DEFAULTS)["total_timesteps"])))
-    total = read(int, samples, Where("ogmp-train", "total_timesteps"))
-    folder = Path(own.get("hydra.sweep.dir", Path("runs", "search", key, task)))
-    first: list[Run] = []
-    for left in reversed(range(ROUNDS)):
-        budget = total // 2**left
-        varied = f"{typed}={','.join(values)}"
-        multirun([*rest, "-m", "+experiment=sweep", varied, f"total_timesteps={budget}", f"hydra.sweep.dir={folder}"])
-        jobs = read_sweep(folder, asked=True)
-        first = first or jobs
-        ranked = _ranked(folder, key, values, jobs, budget)
-        values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
-        _show(ranked, len(values), f"after {budget:,} samples, {EPISODES} test episodes each")
-    spent = sum(read_run(job.path).samples for job in first)
-    print(f"Best: {key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
+    keys = [plain_key(argument.removeprefix(SHORT)) for argument in arguments if argument.startswith(SHORT)]
+    if not keys:
+        return arguments
+    key = keys[-1]
+    rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith(SHORT)]
+    given = {plain_key(argument.partition("=")[0]) for argument in rest}
+    words = ["-m", "+experiment=sweep", "hydra/sweeper=halving", f"hydra.sweeper.key={key}"]
+    if key not in given:
+        if key not in VALUES:
+            raise ValueError(f"'{SHORT}{key}' needs the values that it compares: {key}=<value>,<value>,...")
+        words.append(f"{key}={VALUES[key]}")
+    if "hydra.sweep.dir" not in given:
+        words.append(f"hydra.sweep.dir=runs/search/{key}/${{hydra.runtime.choices.task}}")
+    return [*rest, *words]
 
 
-def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples: int) -> list[tuple[list[float], str]]:
+class HalvingSweeper(Sweeper):
+    """Hydra makes it from ``hydra.sweeper``.
+
+    :param key: what varies, e.g. ``rho``; a key of the task with or without ``task.``
+    :param rounds: how often jobs train and are compared
+    :param episodes: of the test protocol, to compare jobs by
+    :param params: values of keys, as on the command line, which goes before them
+    """
+
+    __module__ = HOME
+
+    config: DictConfig
+    launcher: Launcher
+
+    def __init__(self, key: str, rounds: int, episodes: int, params: Mapping[str, str]) -> None:
+        self.key = plain_key(key)
+        self.rounds, self.episodes, self.params = rounds, episodes, params
+        self.launched = 0
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """What Hydra hands over before the sweep."""
+        sys.modules.pop(HOME, None)  # processes that a launcher starts do not find it: they get the class itself
+        self.hydra_context, self.config = hydra_context, config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Run the search; one that was killed goes on with the same command.
+
+        :param arguments: the command line without what is Hydra's own
+        :raises ValueError: if there are no values to compare, or not plain ones
+        """
+        given = OverridesParser.create().parse_overrides(arguments)
+        typed = {plain_key(override.key_or_group) for override in given}
+        params = [f"{key}={value}" for key, value in self.params.items() if plain_key(key) not in typed]
+        overrides = [*OverridesParser.create().parse_overrides(params), *given]
+        values = self._values(overrides)
+        total = self._total(overrides)
+        grid = self._grid(overrides)
+        folder = Path(self.config.hydra.sweep.dir)
+        folder.mkdir(parents=True, exist_ok=True)
+        OmegaConf.save(self.config, folder / MULTIRUN)
+        first: list[Run] = []
+        for left in reversed(range(self.rounds)):
+            budget = total // 2**left
+            jobs = self._train([[*job, f"{BUDGET}={budget}"] for value in values for of, job in grid if of == value])
+            if any(folder.rglob(FAILURE)):  # what failed is told when the sweep has ended
+                return
+            first = first or jobs
+            ranked = _ranked(folder, self.key, values, jobs, budget, self.episodes)
+            values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
+            _show(ranked, len(values), f"after {budget:,} samples, {self.episodes} test episodes each")
+        spent = sum(read_run(job.path).samples for job in first)
+        print(f"Best: {self.key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
+
+    def _values(self, overrides: Sequence[Override]) -> list[str]:
+        """The values that are compared, as words of a command line."""
+        for key in (self.key, BUDGET):
+            if sum(plain_key(override.key_or_group) == key for override in overrides) > 1:
+                raise ValueError(f"'{key}' is given twice.")
+        found = [override for override in overrides if plain_key(override.key_or_group) == self.key]
+        if not found:
+            raise ValueError(f"'{SHORT}{self.key}' needs the values that it compares: {self.key}=<value>,<value>,...")
+        text = found[-1].get_value_string()
+        if any(mark in text for mark in "()[]{}"):
+            raise ValueError(
+                f"'{self.key}={text}': a search takes plain values with commas between them, e.g. {self.key}=0.1,0.3."
+            )
+        return list(dict.fromkeys(value for value, _ in self._grid(found[-1:])))
+
+    def _grid(self, overrides: Sequence[Override]) -> list[tuple[str, list[str]]]:
+        """The value and the command line of every job, without its samples."""
+        varied = [override for override in overrides if plain_key(override.key_or_group) != BUDGET]
+        (jobs,) = BasicSweeper.split_arguments(varied, None)
+        pairs = [{plain_key(text.partition("=")[0]): text.partition("=")[2] for text in job} for job in jobs]
+        return [(pair[self.key], job) for pair, job in zip(pairs, jobs, strict=True)]
+
+    def _total(self, overrides: Sequence[Override]) -> int:
+        """Samples of a job of the last round."""
+        given = [override for override in overrides if override.key_or_group == BUDGET]
+        value = given[-1].get_value_string() if given and given[-1].is_sweep_override() else self.config[BUDGET]
+        return int(read(int, value, Where("ogmp-train", BUDGET)))
+
+    def _train(self, batch: list[list[str]]) -> list[Run]:
+        """Run jobs on the launcher, and read their directories."""
+        self.validate_batch_is_legal(batch)
+        results = self.launcher.launch(batch, initial_job_idx=self.launched)
+        self.launched += len(batch)
+        for result in results:
+            _ = result.return_value  # raises what a job raised
+        return [read_run(Path(result.hydra_cfg.hydra.runtime.output_dir)) for result in results]  # type: ignore[union-attr]
+
+
+def register_sweeper() -> None:
+    """Make the search known to Hydra."""
+    Plugins.instance().register(HalvingSweeper)
+    sys.modules[HOME] = sys.modules[__name__]
+    target = f"{HalvingSweeper.__module__}.{HalvingSweeper.__name__}"
+    node: dict[str, Any] = {"_target_": target, "key": "rho", "rounds": ROUNDS, "episodes": EPISODES, "params": {}}
+    ConfigStore.instance().store(group="hydra/sweeper", name="halving", node=node, provider="ogmp_sb3")
+
+
+def _ranked(
+    folder: Path, key: str, values: list[str], jobs: list[Run], samples: int, episodes: int = EPISODES
+) -> list[tuple[list[float], str]]:
     """Scores and values, the best first; a score that is known already is not computed again.
 
     The score of a value is the mean of its jobs, which differ in the seed or another key of the command line.
@@ -83,14 +181,14 @@ def _ranked(folder: Path, key: str, values: list[str], jobs: list[Run], samples:
         scores = []
         for job in jobs:
             if _word(setting(job, key)) == value:
-                name = job.path.relative_to(folder).as_posix()
-                settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": EPISODES}
+                name = job.path.resolve().relative_to(folder.resolve()).as_posix()
+                settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes}
                 if settings not in known and _is_beyond(job, samples):
                     raise ValueError(
                         f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
                         f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
                     )
-                scores.append(known.remember(settings, lambda job=job: _score(job, EPISODES)))  # type: ignore[misc]
+                scores.append(known.remember(settings, lambda job=job: _score(job, episodes)))  # type: ignore[misc]
         if not scores:
             raise ValueError(f"{folder}: holds no job with {key}={value}.")
         ranked.append((np.mean(scores, axis=0).tolist(), value))
@@ -105,26 +203,13 @@ def _is_beyond(job: Run, samples: int) -> bool:
 
 
 def _score(job: Run, episodes: int) -> list[float]:
+    from ogmp_sb3.evaluation.evaluated_policy import (  # brings plots, which a training does without
+        EvaluatedPolicy,
+        rank_key,
+    )
+
     subject = EvaluatedPolicy(load_policy(job.path), [], job.path)
     return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None))
-
-
-def _plain_value(key: str, text: str) -> str:
-    """One value of the key that varies.
-
-    :raises ValueError: for an expression of Hydra's, such as ``range(1,3)``
-    """
-    value = _value(key, text)
-    if any(mark in text for mark in "()[]{}"):
-        raise ValueError(f"'{key}={text}': a search takes plain values with commas between them, e.g. {key}=0.1,0.3.")
-    return _word(value)
-
-
-def _value(key: str, text: str) -> object:
-    try:
-        return read_value(text)
-    except ValueError as error:
-        raise ValueError(f"'{key}={text}' has a value that is not YAML ({error}).") from None
 
 
 def _word(value: object) -> str:

@@ -11,7 +11,7 @@ from hydra.errors import ConfigCompositionException, HydraException
 
 from helpers.mutations import SHIPPED, check_sentence
 from helpers.programs import SMALL, program
-from ogmp_sb3.commands.train.command_line import FULL_ERROR, checked, run_hydra, sentence
+from ogmp_sb3.commands.train.command_line import FULL_ERROR, checked, quoted, read_by_hydra, run_hydra, sentence
 
 DIVE = [SHIPPED["dive"]]
 
@@ -39,6 +39,34 @@ def test_a_key_that_a_task_file_leaves_out_is_added_by_force() -> None:
     assert checked(["task.rho=1"], []) == ["++task.rho=1"]
 
 
+def test_a_key_of_the_task_stays_as_it_was_typed_with_task_or_without() -> None:
+    for given in ("modes.flop.h=1", "+modes.flop.h=1", "++curriculum.step=0.1", "curriculum=null", "rho=0.3"):
+        assert checked([given], DIVE) == [given]
+    assert checked(["~modes.flip"], DIVE) == checked(["~task.modes.flip"], DIVE) == ["~task.modes.flip"]
+
+
+@pytest.mark.parametrize("pair", [("rho=0.1", "task.rho=0.1"), ("+task.modes.flip.h=1", "modes.flip.h=1")])
+def test_a_key_in_two_spellings_is_refused_and_the_last_of_one_spelling_counts(pair: tuple[str, str]) -> None:
+    with pytest.raises(ValueError, match=f"'{pair[1].removeprefix('task.').partition('=')[0]}' is given twice"):
+        checked(list(pair), DIVE)
+    assert checked(["rho=0.1", "rho=0.2"], DIVE) == ["rho=0.1", "rho=0.2"]
+
+
+@pytest.mark.parametrize("name", ["läufe/1", "walk (1)", "a [1]", "it's", 'say "hi"', "步态", "rho=0.3,seed=1"])
+def test_a_path_of_any_name_is_text_to_hydra(name: str) -> None:
+    keys = ["hydra.run.dir", "hydra.sweep.dir", *["encoder", "task.robot"] * ("," not in name)]
+    for key in keys:
+        (argument,) = checked([f"{key}={name}"], DIVE)
+        override = read_by_hydra(argument)
+        assert override is not None and override.value() == name
+
+
+@pytest.mark.parametrize("text", ["a", "it's", "\\", "a\\'b", "a\\", "", "'"])
+def test_quoted_text_is_read_as_it_was(text: str) -> None:
+    override = read_by_hydra(f"key={quoted(text)}")
+    assert override is not None and override.value() == text
+
+
 def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
     assert checked(["--config-name", "mine", "other=1"], DIVE) == ["--config-name", "mine", "other=1"]
 
@@ -46,17 +74,18 @@ def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
 @pytest.mark.parametrize(
     ("argument", "expected"),
     [
-        ("min_step_reward=null", "Did you mean 'task.min_step_reward=null'?"),
-        ("modes.flip.h=1", "Did you mean 'task.modes.flip.h=1'?"),
+        ("min_step_reard=null", "Did you mean 'min_step_reward=null'?"),
+        ("mode.flip.h=1", "Did you mean 'modes.flip.h=1'?"),
+        ("modes.flop.h=1", "unknown mode 'flop'"),
         ("num_env=3", "Did you mean 'num_envs=3'?"),
         ("gamma=0.9", "Did you mean 'ppo.gamma=0.9'?"),
         ("tsak=dive", "Did you mean 'task=dive'?"),
         ("ppo.gama=0.9", "'ppo.gama' is not a known key (allowed: ppo.batch_size, "),
         ("zzz=1", "'zzz' is not a known key (allowed: checkpoint_interval, "),
-        ("rho.x=1", "'rho.x' is not a known key"),
+        ("rho.x=1", "'rho' is the number 0.3: it has no 'x' to set."),
         ("task.min_step_reard=1", "tasks/dive.yaml: 'min_step_reard' is not a known key"),
-        ("task.rho.x=3", "'task.rho' is the number 0.3: it has no 'x' to set."),
-        ("task.modes.flip.h.low=3", "'task.modes.flip.h' is the list [1.0, 1.75]: it has no 'low' to set."),
+        ("task.rho.x=3", "'rho' is the number 0.3: it has no 'x' to set."),
+        ("task.modes.flip.h.low=3", "'modes.flip.h' is the list [1.0, 1.75]: it has no 'low' to set."),
         ("num_envs=many", "'num_envs' must be a whole number, found the text 'many'."),
         ("ppo.gamma=1.5", "'ppo': 'gamma' must be at most 1, found 1.5."),
         ("seed=4294967296", "'seed' must be at most 4,294,967,295, found 4.29497e+09."),

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import OmegaConf
 
 from helpers.programs import SMALL, program
 from ogmp_sb3.commands.train import search as halving
+from ogmp_sb3.commands.train.search import EPISODES, ROUNDS, HalvingSweeper, expanded
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import read_sweep, setting
@@ -20,27 +25,39 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, i
     """What was trained: values and samples. The score of a value is the value, but for 0.05, which starts well."""
     trained: list[tuple[str, int]] = []
 
-    def multirun(arguments: list[str]) -> None:
-        given = dict(argument.removeprefix("task.").partition("=")[::2] for argument in arguments)
-        for value in given["rho"].split(","):
-            trained.append((value, int(given["total_timesteps"])))
-            folder = tmp_path / "search" / f"rho={value}"
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "progress.csv").write_text(f"{STEP_COLUMN}\n{trained[-1][1]}\n")
-            write_yaml(folder / "config.yaml", {"task": {"rho": float(value)}, "train": {"total_timesteps": 0}})
+    class Launcher:
+        def launch(self, batch: list[list[str]], initial_job_idx: int) -> list[JobReturn]:
+            results = []
+            for job in batch:
+                given = dict(argument.removeprefix("task.").partition("=")[::2] for argument in job)
+                trained.append((given["rho"], int(given["total_timesteps"])))
+                folder = tmp_path / "search" / f"rho={given['rho']}"
+                folder.mkdir(parents=True, exist_ok=True)
+                (folder / "progress.csv").write_text(f"{STEP_COLUMN}\n{trained[-1][1]}\n")
+                write_yaml(
+                    folder / "config.yaml", {"task": {"rho": float(given["rho"])}, "train": {"total_timesteps": 0}}
+                )
+                hydra = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder)}}})
+                results.append(JobReturn(hydra_cfg=hydra, status=JobStatus.COMPLETED))
+            return results
 
     def score(job: halving.Run, episodes: int) -> list[float]:
         rho = float(setting(job, "rho"))
         return [1.0 if rho == 0.05 and trained[-1][1] <= 100 else rho, 0.0]
 
     monkeypatch.setattr(halving, "_score", score)
-    monkeypatch.setattr(halving, "multirun", multirun, raising=False)
+    monkeypatch.setattr(HalvingSweeper, "launcher", Launcher(), raising=False)
+    monkeypatch.setattr(HalvingSweeper, "validate_batch_is_legal", lambda self, batch: None)
     return trained
 
 
 def run(tmp_path: Path, *arguments: str) -> None:
-    given = ["task=parkour", "total_timesteps=800", f"hydra.sweep.dir={tmp_path / 'search'}", *arguments]
-    halving.search("rho", given, halving.multirun)  # type: ignore[attr-defined]
+    """A search over rho, by the words that ``+search=rho`` is short for."""
+    words = expanded(["+search=rho", "task=parkour", "total_timesteps=800", *arguments])
+    sweeper = HalvingSweeper("rho", ROUNDS, EPISODES, {})
+    sweep = {"hydra": {"sweep": {"dir": str(tmp_path / "search")}}, "total_timesteps": 800}
+    sweeper.config = OmegaConf.create(sweep)
+    sweeper.sweep([word for word in words if word != "-m" and not word.startswith("hydra")])
 
 
 def test_the_better_half_trains_twice_as_long(played, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,13 +137,21 @@ def test_a_key_with_its_prefix_is_the_same_key(played, tmp_path: Path) -> None:
     assert played[:2] == [("0.1", 100), ("0.3", 100)]
 
 
-def test_a_search_is_over_the_key_as_it_was_typed_in_a_directory_of_its_task(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
+def test_a_search_is_over_the_key_as_it_was_typed_in_a_directory_of_its_task() -> None:
+    words = expanded(["+search=action.noise", "task=tasks/dive.yaml", "task.action.noise=0.1,0.2"])
+    folder = "hydra.sweep.dir=runs/search/action.noise/${hydra.runtime.choices.task}"
+    assert {"task.action.noise=0.1,0.2", "hydra.sweeper.key=action.noise", folder} <= set(words)
+    assert not any(word.startswith("action.noise=") for word in words)
 
-    def multirun(arguments: list[str]) -> None:
-        asked.extend(arguments)
-        raise InterruptedError
 
-    with pytest.raises(InterruptedError):
-        halving.search("action.noise", ["task=tasks/dive.yaml", "task.action.noise=0.1,0.2"], multirun)
-    assert {"task.action.noise=0.1,0.2", f"hydra.sweep.dir={Path('runs/search/action.noise/dive')}"} <= set(asked)
+def test_a_search_on_a_launcher_goes_on_where_the_one_before_stopped(tmp_path: Path) -> None:
+    arguments = ["-m", "hydra/sweeper=halving", "hydra.sweeper.rounds=2", "hydra.sweeper.episodes=2", "task=dive"]
+    arguments += ["rho=0.1,0.4", *SMALL, "hydra/launcher=joblib", "evaluation.episode_steps=10"]
+    for total in (256, 512):
+        words = [*arguments, f"total_timesteps={total}", "hydra.sweep.dir=search"]
+        command = [sys.executable, "-m", "ogmp_sb3.commands.train.program", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert "Best: rho=" in done.stdout and done.stdout.count("dropped") == 1
+    assert len(list((tmp_path / "search").glob("*/config.yaml"))) == 2
+    assert len(read_sweep(tmp_path / "search")) == 2
