@@ -80,14 +80,21 @@ def test_a_multirun_has_a_directory_by_default(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [path.stem for path in (CONF / "experiment").glob("*.yaml") if path.stem != "sweep"])
-def test_every_ready_sweep_composes(name: str, tmp_path: Path) -> None:
-    arguments = ["-m", f"+experiment={name}", "task=parkour", "total_timesteps=16", "num_envs=1", "ppo.n_steps=16"]
-    small = ["ppo.batch_size=16", "ppo.n_epochs=1", "ppo.lstm_hidden_size=8", "hydra/launcher=basic"]
-    done = program("train", *arguments, *small, cwd=tmp_path)
+def test_every_ready_sweep_composes(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs: list[Job] = []
+
+    def begin(job: Job) -> float:
+        """A training costs more than what is tested."""
+        BatchEnv(job.task)
+        jobs.append(job)
+        return 0.0
+
+    monkeypatch.setattr("ogmp_sb3.commands.train.program.begin_or_go_on", begin)
+    done = program("train", "-m", f"+experiment={name}", "task=parkour", "hydra/launcher=basic", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    files = tmp_path.glob(f"runs/experiments/{name}/parkour/*/config.yaml")
-    configs = [yaml.safe_load(file.read_text())["task"] for file in files]
-    assert len({json.dumps(config, sort_keys=True) for config in configs}) == len(configs) > 1
+    assert {job.run_dir.parent for job in jobs} == {tmp_path / "runs" / "experiments" / name / "parkour"}
+    assert len({json.dumps(job.task_data, sort_keys=True) for job in jobs}) == len(jobs) > 1
+    assert len({job.run_dir for job in jobs}) == len(jobs)
 
 
 def test_a_killed_sweep_is_finished_by_the_same_command(tmp_path: Path) -> None:

@@ -1,0 +1,115 @@
+"""The files of an exported policy, against the policy."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ogmp_sb3.commands.export import bundle
+from ogmp_sb3.commands.export.controller import Controller
+from ogmp_sb3.env.observations import CLIP
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive", "blind"])
+def test_actions_are_those_of_pytorch_over_1000_random_observations(name: str, exported) -> None:
+    loaded, env, out = exported(name)
+    controller = Controller(out)
+    rng = np.random.default_rng(0)
+    limit = CLIP * env.observation_scale
+    state, actions = None, np.zeros((1000, env.action_size))
+    for k in range(1000):
+        observation = rng.normal(size=len(limit)) * env.observation_scale * rng.choice([0.3, 3.0, 300.0])
+        observation = np.clip(observation, -limit, limit).astype(np.float32)
+        start = np.array([k % 250 == 0])
+        if start[0]:
+            controller.reset()
+        expected, state = loaded.policy.predict(observation[None], state, start, deterministic=True)
+        actions[k] = controller.act(observation)
+        np.testing.assert_allclose(actions[k], expected[0], rtol=0, atol=1e-5)
+    assert (np.abs(actions) == 1.0).any() and (np.abs(actions) < 0.5).any()
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive"])
+def test_actions_are_those_of_pytorch_over_1000_steps_of_episodes(name: str, exported) -> None:
+    loaded, env, out = exported(name)
+    difference, seconds = bundle.parity(loaded, env, Controller(out))
+    assert 0.0 < difference < bundle.TOLERANCE
+    assert (seconds > 0).all()
+
+
+def test_parity_sees_a_state_that_is_not_carried_along(exported, monkeypatch) -> None:
+    loaded, env, out = exported("parkour")
+
+    class Forgetful(Controller):
+        def act(self, observation: np.ndarray) -> np.ndarray:
+            self.reset()
+            return super().act(observation)
+
+    assert bundle.parity(loaded, env, Forgetful(out))[0] > 1e-3
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive"])
+def test_latents_are_those_of_the_environment(name: str, exported) -> None:
+    loaded, _, out = exported(name)
+    assert bundle.encoder_parity(loaded, out / "encoder.onnx") < bundle.TOLERANCE
+
+
+def test_a_policy_without_latent_needs_no_encoder(exported) -> None:
+    _, _, out = exported("blind")
+    assert sorted(file.name for file in out.iterdir()) == ["controller.json", "controller.py", "policy.onnx"]
+
+
+@pytest.mark.parametrize("name", ["parkour", "dive", "blind"])
+def test_components_cover_the_observation_without_gap_and_with_its_scales(name: str, exported) -> None:
+    _, env, out = exported(name)
+    components = json.loads((out / "controller.json").read_text())["observation"]["components"]
+    ends = [0, *(c["slice"][1] for c in components)]
+    assert [c["slice"][0] for c in components] == ends[:-1]
+    assert ends[-1] == env.observation_size
+    np.testing.assert_array_equal(np.concatenate([c["scale"] for c in components]), env.observation_scale)
+    assert all(c["unit"] in ("m", "m/s", "rad", "rad/s", "1") for c in components)
+
+
+def test_components_name_what_the_simulation_holds_there(exported) -> None:
+    _, env, out = exported("parkour")
+    components = json.loads((out / "controller.json").read_text())["observation"]["components"]
+    places = {c["name"]: slice(*c["slice"]) for c in components}
+    env.reset()
+    rng = np.random.default_rng(3)
+    for _ in range(7):
+        observation = env.step(rng.uniform(-0.2, 0.2, (1, env.action_size))).observation[0]
+    sim, p, v = env.sim, env.sim.base_qpos, env.sim.base_qvel
+    truth = {
+        "base_quat": sim.qpos[0, p + 3 : p + 7],
+        "joint_pos": [sim.qpos[0, sim.model.joint(name).qposadr[0]] for name in env.task.robot_config.joints],
+        "base_angvel_b": sim.qvel[0, v + 3 : v + 6],
+        "joint_vel": [sim.qvel[0, sim.model.joint(name).dofadr[0]] for name in env.task.robot_config.joints],
+        "clock_sin": [np.sin(2 * np.pi * 7 / 30)],
+        "clock_cos": [np.cos(2 * np.pi * 7 / 30)],
+        "mode_latent": env.view().latent[0],
+    }
+    for name, value in truth.items():
+        np.testing.assert_allclose(observation[places[name]], value, rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
+    _, env, out = exported("blind")
+    info = json.loads((out / "controller.json").read_text())
+    for joint, kp, kd, limit in zip(info["action"]["joints"], *info["gains"].values(), strict=True):
+        servo = env.sim.model.actuator(joint)
+        assert (servo.gainprm[0], servo.biasprm[1], servo.biasprm[2]) == (kp, -kp, -kd)
+        assert servo.forcerange.tolist() == [-limit, limit]
+    action = np.linspace(-1, 1, env.action_size)
+    env.reset()
+    env.step(action[None])
+    targets = np.array(info["action"]["nominal"]) + info["action"]["scale"] * action
+    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.actuators], targets)
+
+
+def test_a_servo_without_a_limit_has_none(exported) -> None:
+    loaded, env, _ = exported("blind")
+    env.sim.model.actuator_forcelimited[env.sim.actuators[0]] = 0
+    limits = bundle.description(loaded, env)["gains"]["torque_limit"]
+    assert limits[0] is None and None not in limits[1:]
