@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch as th
-from torch.utils.tensorboard import SummaryWriter
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.load import load_task
@@ -22,6 +22,7 @@ from ogmp_sb3.guidance.encoder_training import (
 from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.logs import TensorBoardWriter
 from ogmp_sb3.runs.settings import versions
 
 PROGRAM = "ogmp-encode"
@@ -65,12 +66,12 @@ def _run(arguments: list[str]) -> None:
 
     data = reference_data(task, config.references, config.seed)
     held_out = reference_data(task, HELD_OUT, config.seed + 1)
-    with SummaryWriter(str(out)) as writer, progress_bar(config.updates, "update") as bar:
+    with closing(TensorBoardWriter(out)) as writer, progress_bar(config.updates, "update") as bar:
 
         def report(update: int, loss: float) -> None:
             bar.update()
             if update % LOG_EVERY == 0:
-                writer.add_scalar("encoder/unexplained_variance", loss, update)
+                writer.write({"encoder/unexplained_variance": loss}, {}, update)
 
         model = fit(data, config.updates, config.seed, report)
     error = reconstruction_error(model, held_out)
