@@ -1,0 +1,52 @@
+"""What a training needs beside its task."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from importlib import metadata
+from typing import Any
+
+import pytest
+
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.runs.settings import TrainConfig, thread_count, versions
+from ogmp_sb3.sb3.hyperparameters import DEFAULTS
+
+
+def settings(**changes: Any) -> dict[str, Any]:
+    data = read_yaml(DEFAULTS)
+    return {**{field.name: data[field.name] for field in fields(TrainConfig)}, **changes}
+
+
+def test_the_defaults_are_right_and_complete() -> None:
+    assert read(TrainConfig, settings(), Where("train.yaml")).total_timesteps == 20_000_000
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_envs": 0}, "'num_envs' must be at least 1, found 0"),
+        ({"seed": -1}, "'seed' must be at least 0, found -1"),
+        ({"seed": 2**32}, "'seed' must be at most 4,294,967,295"),
+        ({"policy_average": 0}, "'policy_average' must be at least 1 or null, found 0"),
+        ({"torch_threads": "all"}, "'torch_threads' must be auto or a whole number from 1 to 1024, found 'all'"),
+        ({"physics_threads": 0}, "'physics_threads' must be auto or a whole number from 1 to 1024, found 0"),
+    ],
+)
+def test_a_value_out_of_range_is_a_sentence(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        read(TrainConfig, settings(**changes), Where("train.yaml"))
+
+
+def test_auto_is_a_thread_for_each_cpu_of_this_process() -> None:
+    assert thread_count("auto") == len(os.sched_getaffinity(0))
+    assert thread_count(3) == 3
+
+
+def test_versions_are_those_installed() -> None:
+    recorded = versions()
+    assert recorded["mujoco"] == metadata.version("mujoco")
+    assert {"python", "machine", "torch", "sb3-contrib"} <= set(recorded)
