@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,6 +18,22 @@ SLOW_IS_FINE = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("quick", max_examples=40, derandomize=True, **SLOW_IS_FINE)
 settings.register_profile("thorough", max_examples=1000, print_blob=True, **SLOW_IS_FINE)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
+
+
+# Files whose tests start processes or train for long, the slowest first.
+SLOW = (
+    "whole/test_launchers.py", "runs/test_training.py", "whole/test_tutorials.py", "commands/train/test_program.py",
+    "commands/train/test_search.py", "runs/test_autosave.py", "whole/test_public_face.py", "whole/test_sb3.py",
+    "config/test_plugins.py", "commands/test_report.py", "commands/bench/test_program.py", "whole/test_extremes.py",
+    "rendering/test_opengl.py", "commands/test_play.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the slow files."""
+    places = {name: place for place, name in enumerate(SLOW)}
+    root = Path(__file__).parent
+    items.sort(key=lambda item: places.get(item.path.relative_to(root).as_posix(), len(SLOW)))
 
 
 @pytest.fixture
