@@ -91,9 +91,7 @@ def _check_observation(title: str, answer: Any, view: EnvView) -> None:
         raise ValueError(f"{what} must be finite and above 0; it holds {wrong[0]:g}.")
     in_parts = sum(part.size for part in answer.parts)
     if answer.parts and in_parts != size:
-        raise ValueError(
-            f"the parts of the Signal of {title} must have {size} values in all, as it has; found {in_parts}."
-        )
+        raise ValueError(f"the parts of the Signal of {title} must have {size} values in all; found {in_parts}.")
 
 
 CHECKS: dict[str, Callable[[str, Any, EnvView], None]] = {
