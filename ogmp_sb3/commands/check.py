@@ -169,7 +169,10 @@ def _run(arguments: list[str]) -> None:
 
 
 def _check(task: TaskConfig, out: str | None, console: Console) -> None:
-    _describe(task, BatchEnv(task, num_envs=1), console)
+    env = BatchEnv(task, num_envs=1)
+    env.reset()
+    env.step(np.zeros((1, env.action_size)))  # the first answers of the oracle and the terms are checked
+    _describe(task, env, console)
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
     for kind in registry.KINDS:
         known.add_row(f"{kind.kind}s", ", ".join(f"{n}({', '.join(kind.parameters(n))})" for n in kind.names()))

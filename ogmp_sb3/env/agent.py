@@ -6,6 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ogmp_sb3.config.messages import describe
+
 
 class Policy(Protocol):
     """Anything that acts: a policy or a model of Stable-Baselines3 or sb3-contrib, recurrent or not."""
@@ -35,7 +37,7 @@ class Loaded(Protocol):
 
     @property
     def policy(self) -> Policy:
-        """What acts."""
+        """Its policy."""
 
 
 AnyPolicy = Policy | Loaded
@@ -70,12 +72,18 @@ class Normalised:
 
 
 def playable(policy: AnyPolicy, observation_size: int) -> Policy:
-    """What acts in a model, a policy or a loaded policy.
+    """The policy in a model, a policy or a loaded policy, as it is to be played.
 
     :param observation_size: of the task that is to be played
+    :raises TypeError: for anything that does not act
     :raises ValueError: if the policy observes another number of values
     """
-    actor: Any = policy if hasattr(policy, "predict") else policy.policy
+    actor: Any = policy if hasattr(policy, "predict") else getattr(policy, "policy", None)
+    if not hasattr(actor, "predict"):
+        raise TypeError(
+            f"a model, a policy or what load_policy returns is needed to play, found {describe(policy)}. "
+            "A name or a path must be loaded first: load_policy('parkour')."
+        )
     observed = getattr(actor, "observation_space", None)  # an object of one's own need not have one
     if observed is not None and observed.shape != (observation_size,):
         size = observed.shape[0] if observed.shape else 0

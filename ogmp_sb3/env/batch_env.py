@@ -230,7 +230,7 @@ class BatchEnv:
         return self.guide.plan(row)
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that the next steps depend on but commands: arrays, and plain data (generators, modes drawn so far)."""
+        """The whole state but commands: arrays, and plain data (generators, modes drawn so far)."""
         arrays, plain = (
             snapshots.take(self._own_arrays()),
             {"generators": [rng.bit_generator.state for rng in self._rng]},

@@ -80,7 +80,7 @@ class Disturbances:
         return due
 
     def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Who is pushed at this control step.
+        """Pushes of this control step.
 
         :param step_count: control steps of the episodes so far, shape (num_envs,), int
         :param rows: environments that are stepped, or None for all
@@ -99,7 +99,7 @@ class Disturbances:
         return due, kicks
 
     def measured(self, name: str, value: np.ndarray, scale: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        """What sensors make of an observation term.
+        """An observation term with sensor noise.
 
         :param name: of the term; only :data:`NOISY` ones are disturbed
         :param value: shape (n, size)

@@ -44,7 +44,7 @@ class UnstableStep:
 
 @dataclass(frozen=True)
 class Replay:
-    """What became of a step that was taken once more."""
+    """The outcome of replaying a failed step."""
 
     substeps: int
     """physics steps of the control step"""
@@ -78,7 +78,7 @@ def capture(env: BatchEnv, row: int, action: np.ndarray) -> UnstableStep:
 
 
 def replay(step: UnstableStep, task: TaskConfig) -> Replay:
-    """Take a step once more, one physics step after another.
+    """Replay a failed step, one physics step after another.
 
     :raises ValueError: if the step is not of this task's robot and track
     """

@@ -1,4 +1,4 @@
-"""A robot's file against its model: the rigid body of its oracles, and whether it stands on its servos alone."""
+"""Compare robot.yaml with the MuJoCo model: mass and inertia, and whether the robot stands on its servos."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUND = (-10.0, 10.0, -10.0, 10.0, 0.0)  # a terrain box, m
 
 @dataclass(frozen=True)
 class Stand:
-    """What became of a robot whose servos hold the nominal pose."""
+    """How a robot stands whose servos hold the nominal pose."""
 
     height: float
     """of the base above the ground, m"""

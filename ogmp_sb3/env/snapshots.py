@@ -1,4 +1,4 @@
-"""Copy the arrays that a state lives in, and restore them."""
+"""Snapshots of an environment: copy the arrays that hold its state, and restore them."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config.messages import describe
+from ogmp_sb3.config.answers import answer_text, check_array, check_finite, told_in_name
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.task import Terms
 from ogmp_sb3.env.observations import Signal
@@ -34,10 +34,14 @@ class Term:
     def __call__(self, view: EnvView) -> Any:
         """What the function answers.
 
+        :raises FunctionFailed: if the function raises an exception
         :raises TypeError: if its first answer is of the wrong type
         :raises ValueError: if that has the wrong shape, or is not finite although the simulation is
         """
-        answer = self._function(view)
+        try:
+            answer = self._function(view)
+        except Exception as error:
+            raise told_in_name(self._title, error) from error
         if not self._checked and len(view.state):
             self._check(self._title, answer, view)
             self._checked = True
@@ -59,32 +63,35 @@ def bind(kinds: Registry[Any], terms: Terms) -> dict[str, Term]:
 
 def _check_reward(title: str, answer: Any, view: EnvView) -> None:
     what, rows = f"what {title} returns", len(view.state)
-    _check_array(what, answer, "biuf", (rows,), f"a number for each environment, an array of shape ({rows},)")
+    check_array(what, answer, "biuf", (rows,), f"a number for each environment, an array of shape ({rows},)")
     _check_finite(what, answer, view)
 
 
 def _check_termination(title: str, answer: Any, view: EnvView) -> None:
     rows = len(view.state)
     expected = f"true or false for each environment, an array of shape ({rows},) of bool"
-    _check_array(f"what {title} returns", answer, "b", (rows,), expected)
+    check_array(f"what {title} returns", answer, "b", (rows,), expected)
 
 
 def _check_observation(title: str, answer: Any, view: EnvView) -> None:
     if not isinstance(answer, Signal):
         raise TypeError(
-            f"what {title} returns must be a Signal, values and their typical sizes; it is {_found(answer)}."
+            f"what {title} returns must be a Signal, values and their typical sizes; it is {answer_text(answer)}."
         )
     rows, size = len(view.state), np.shape(answer.value)[-1] if np.ndim(answer.value) else 0
     what = f"the value of the Signal of {title}"
-    _check_array(what, answer.value, "biuf", (rows, size), f"numbers for each environment, an array of ({rows}, size)")
+    check_array(what, answer.value, "biuf", (rows, size), f"numbers for each environment, an array of ({rows}, size)")
     _check_finite(what, answer.value, view)
     what = f"the scale of the Signal of {title}"
-    _check_array(
+    check_array(
         what, answer.scale, "iuf", (size,), f"a typical size of each of its values, an array of shape ({size},)"
     )
     wrong = answer.scale[~(np.isfinite(answer.scale) & (answer.scale > 0))]
     if wrong.size:
         raise ValueError(f"{what} must be finite and above 0; it holds {wrong[0]:g}.")
+    in_parts = sum(part.size for part in answer.parts)
+    if answer.parts and in_parts != size:
+        raise ValueError(f"the parts of the Signal of {title} must have {size} values in all; found {in_parts}.")
 
 
 CHECKS: dict[str, Callable[[str, Any, EnvView], None]] = {
@@ -94,26 +101,9 @@ CHECKS: dict[str, Callable[[str, Any, EnvView], None]] = {
 }
 
 
-def _check_array(what: str, answer: Any, kinds: str, shape: tuple[int, ...], expected: str) -> None:
-    """:raises TypeError, ValueError: unless it is an array of this shape, of ``kinds`` (``numpy.dtype.kind``)."""
-    if not isinstance(answer, np.ndarray) or answer.dtype.kind not in kinds:
-        raise TypeError(f"{what} must be {expected}; it is {_found(answer)}.")
-    if answer.shape != shape:
-        raise ValueError(f"{what} must be {expected}; it is {_found(answer)}.")
-
-
 def _check_finite(what: str, answer: np.ndarray, view: EnvView) -> None:
     """Only where the simulation is: one that has failed shows in every term."""
     sound = np.ones(len(view.state), dtype=bool)
     for values in (view.state, view.joint_pos, view.joint_vel, view.torque):
         sound &= np.isfinite(values).all(axis=1)
-    wrong = answer[sound][~np.isfinite(answer[sound])]
-    if wrong.size:
-        raise ValueError(f"{what} must be finite; it holds {wrong[0]:g}.")
-
-
-def _found(answer: Any) -> str:
-    """What was returned, for a message."""
-    if isinstance(answer, np.ndarray):
-        return f"an array of shape {answer.shape} of {answer.dtype}"
-    return describe(answer)
+    check_finite(what, answer, sound)

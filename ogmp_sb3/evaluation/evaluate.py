@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ogmp_sb3.config import registry
+from ogmp_sb3.config.answers import answer_text, told_in_name
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
@@ -132,9 +134,26 @@ def heading(task: str, episodes: int, physics_dt: float) -> str:
 
 def estimates(task: TaskConfig, records: list[EpisodeRecord]) -> Estimates:
     """Every metric of the task over episodes, with the true objective."""
-    by_name = {name: estimate(registry.metrics.get(name)(r) for r in records) for name in task.evaluation.metrics}
-    by_name["true_objective"] = estimate(registry.objectives.get(task.objective)(r) for r in records)
+    by_name = {name: estimate(_values(registry.metrics, name, records)) for name in task.evaluation.metrics}
+    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records))
     return by_name
+
+
+def _values(functions: registry.Registry[Any], name: str, records: list[EpisodeRecord]) -> Iterator[float]:
+    """A metric or an objective of each episode.
+
+    :raises FunctionFailed: if its function raises an exception
+    :raises TypeError: if it returns anything but a number or a bool
+    """
+    function, title = functions.get(name), f"{functions.kind} '{name}'"
+    for record in records:
+        try:
+            value = function(record)
+        except Exception as error:
+            raise told_in_name(title, error) from error
+        if not isinstance(value, bool | int | float | np.number | np.bool_):
+            raise TypeError(f"what {title} returns must be a number, or true or false; it is {answer_text(value)}.")
+        yield value  # type: ignore[misc]
 
 
 def estimates_by_word(task: TaskConfig, records: list[EpisodeRecord]) -> dict[str, Estimates]:

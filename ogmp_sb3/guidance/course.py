@@ -251,11 +251,7 @@ def _most_steps(task: TaskConfig, corners: list[Segment]) -> int:
 
 def _lookahead(task: TaskConfig, horizon: int, corners: list[Segment]) -> float:
     """How far ahead the track is laid, m: at least as far as references and observations go."""
-    if any(segment.length <= 0 for segment in corners):
-        raise ValueError(f"{task.file}: 'modes' has a mode that takes no length of the track.")
     speeds = [span.velocity[0] for segment in corners for span in segment.spans]
-    if min(speeds) < 0:
-        raise ValueError(f"{task.file}: 'modes' has a mode that runs backwards along the track.")
     ahead = max(speeds) * horizon * task.control_dt + 0.3
     observed = _observed_ahead(task)
     lookahead = max(REACH, ahead, *observed.values())

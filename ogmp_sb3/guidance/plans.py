@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ogmp_sb3.config import registry
+from ogmp_sb3.config.answers import answer_text, check_array, check_finite, told_in_name
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.course import Course
@@ -19,12 +21,53 @@ from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points, span_
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
 
+class CheckedOracle:
+    """An oracle whose first answer is checked: a wrong one would spoil a training unseen, or end it far from here.
+
+    :param name: its name in the task file
+    :param function: its function with the parameters bound
+    """
+
+    def __init__(self, name: str, function: Oracle) -> None:
+        self._title, self._function = f"oracle '{name}'", function
+        self._checked = False
+
+    def __call__(self, points: SetPoints, x0: np.ndarray) -> Reference:
+        """What the oracle answers.
+
+        :raises FunctionFailed: if its function raises an exception
+        :raises TypeError: if its first answer is of the wrong type
+        :raises ValueError: if that has the wrong shape, or is not finite although the states are
+        """
+        try:
+            answer = self._function(points, x0)
+        except Exception as error:
+            raise told_in_name(self._title, error) from error
+        if not self._checked:
+            self._check(answer, points, x0)
+            self._checked = True
+        return answer
+
+    def _check(self, answer: Any, points: SetPoints, x0: np.ndarray) -> None:
+        if not isinstance(answer, Reference):
+            raise TypeError(
+                f"what {self._title} returns must be a Reference, states and steps; it is {answer_text(answer)}."
+            )
+        shape, rows = points.state.shape, len(x0)
+        what = f"the state of the Reference of {self._title}"
+        expected = f"a state for each row and knot, an array of shape {shape}"
+        check_array(what, answer.state, "f", shape, expected)
+        check_finite(what, answer.state, np.isfinite(x0).all(axis=1))
+        what = f"the steps of the Reference of {self._title}"
+        check_array(what, answer.steps, "iu", (rows,), f"a whole number for each row, an array of shape ({rows},)")
+
+
 def make_oracle(task: TaskConfig) -> Oracle:
-    """The task's oracle with its parameters bound."""
+    """The task's oracle with its parameters bound; its first answer is checked."""
     parameters = task.oracle_params.get(task.oracle, {})
     robot = task.robot_config
     plant = Plant(robot.srb, task.control_dt, feet=len(robot.feet))
-    return partial(registry.oracles.get(task.oracle), plant=plant, **parameters)
+    return CheckedOracle(task.oracle, partial(registry.oracles.get(task.oracle), plant=plant, **parameters))
 
 
 def start_state(task: TaskConfig, segment: Segment) -> np.ndarray:

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.config.answers import answer_text, told_in_name
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import modes
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import CurriculumConfig
-from ogmp_sb3.guidance.modes import Segment, pace
+from ogmp_sb3.guidance.modes import Segment, Span, pace
+from ogmp_sb3.guidance.set_points import span_row
+from ogmp_sb3.guidance.terrain import Plateau
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,19 @@ class ModeCall:
     """parameter values"""
 
     def segment(self) -> Segment:
-        """What the mode asks for."""
-        return modes.get(self.name)(**self.parameters)  # type: ignore[no-any-return]
+        """What the mode asks for.
+
+        :raises FunctionFailed: if the mode's function raises an exception
+        :raises TypeError: if it returns anything but a Segment
+        """
+        function = modes.get(self.name)
+        try:
+            segment = function(**self.parameters)
+        except Exception as error:
+            raise told_in_name(f"mode '{self.name}'", error) from error
+        if not isinstance(segment, Segment):
+            raise TypeError(f"what mode '{self.name}' returns must be a Segment; it is {answer_text(segment)}.")
+        return segment
 
 
 def flat_ground(speed: float, length: float) -> ModeCall:
@@ -89,7 +103,10 @@ class ModeSampler:
 
 
 def corner_segments(task: TaskConfig) -> Iterator[Segment]:
-    """The segments of every mode at the extremes of all parameters that the task can draw."""
+    """The segments of every mode at the extremes of all parameters that the task can draw.
+
+    :raises FunctionFailed, TypeError, ValueError: if a mode cannot be laid, named with its parameters
+    """
     full = task.mode_ranges
     drawn: list[tuple[str, dict[str, Range]]] = list(full.items())
     drawn += [(entry.mode, {**full[entry.mode], **entry.ranges}) for entry in task.sampling.sequence]
@@ -97,7 +114,30 @@ def corner_segments(task: TaskConfig) -> Iterator[Segment]:
         drawn += [(name, {**full[name], **ranges}) for name, ranges in task.curriculum.modes.items()]
     for name, parameters in drawn:
         for values in itertools.product(*(r.corners() for r in parameters.values())):
-            yield ModeCall(name, dict(zip(parameters, values, strict=True))).segment()
+            call = ModeCall(name, dict(zip(parameters, values, strict=True)))
+            segment = call.segment()
+            _check_segment(f"{task.file}: 'modes.{name}'", segment, call)
+            yield segment
+
+
+def _check_segment(what: str, segment: Segment, call: ModeCall) -> None:
+    """:raises TypeError, ValueError: if the segment cannot be laid; the message begins with ``what``"""
+    values = f" ({', '.join(f'{key} {value}' for key, value in call.parameters.items())})" if call.parameters else ""
+    for kind, parts in ((Span, segment.spans), (Plateau, segment.plateaus)):
+        wrong = [part for part in parts if not isinstance(part, kind)]
+        if wrong:
+            raise TypeError(f"{what} is made of a {kind.__name__} that is {answer_text(wrong[0])}{values}.")
+    if not segment.spans:
+        raise ValueError(f"{what} has no set-points, not one Span{values}.")
+    numbers = [segment.length, segment.start_height]
+    numbers += [number for span in segment.spans for number in span_row(span, 0.0)]
+    numbers += [number for plateau in segment.plateaus for number in plateau.box(0.0, 0.0)]
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{what} asks for a number that is not finite{values}.")
+    if not segment.timed and segment.length <= 0:
+        raise ValueError(f"{what} takes no length of the track{values}.")
+    if not segment.timed and min(span.velocity[0] for span in segment.spans) < 0:
+        raise ValueError(f"{what} runs backwards along the track{values}.")
 
 
 def draw_parameters(ranges: dict[str, Range], rng: np.random.Generator) -> dict[str, float | str]:

@@ -1,4 +1,4 @@
-"""What there is to see of one environment after a control step, and how its ground is drawn. Plain arrays only."""
+"""A frame: robot, plan and ground of one environment after a control step, as plain arrays, with colours and marks."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def ground_marks(terrain: np.ndarray, x: float) -> np.ndarray:
 
 
 def drawable_of(env: BatchEnv, row: int, view: EnvView, before: Drawable | None) -> Drawable:
-    """What there is to see of one environment.
+    """The frame of one environment as it is now.
 
     :param env: the environments
     :param row: which of them

@@ -1,4 +1,4 @@
-"""Pictures of environments: what there is to see of one, and a process that draws it."""
+"""Pictures of environments, drawn in a process of its own."""
 
 from __future__ import annotations
 

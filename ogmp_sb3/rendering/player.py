@@ -20,7 +20,7 @@ ENDLESS = 10**9  # control steps
 
 
 class OracleEnv(BatchEnv):
-    """Robots that are wherever the oracle wants them, in their nominal pose: no physics."""
+    """Robots moved along the oracle's reference in their nominal pose, without physics."""
 
     def _advance(self, targets: np.ndarray, rows: np.ndarray | None) -> None:
         every, knot = np.arange(self.num_envs), self.guide.plans.phase + 1

@@ -1,4 +1,4 @@
-"""Atomic writes of files and directories, and a lock: whole or absent, whatever moment a process is killed at.
+"""Atomic writes of files and directories, and a lock: a killed process leaves no half-written file.
 
 A process can be killed between any two of its calls. So a file or directory is written under a name that nobody reads
 and then renamed; a directory that is to go is renamed first; and :func:`tidy` puts right what a kill has left.
@@ -68,7 +68,7 @@ def remove(folder: Path) -> None:
 
 
 def tidy(parent: Path, pattern: str = "*") -> None:
-    """Put right what a kill has left in a directory: a replaced one comes back or goes, unfinished ones go.
+    """Clean up after a killed process: a replaced directory comes back or goes, unfinished ones go.
 
     :param pattern: names of what is written there
     """
@@ -88,7 +88,7 @@ def tidy(parent: Path, pattern: str = "*") -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Be the only process that writes in a directory; a lock goes with its process, however that ends.
+    """Lock a directory against other writing processes; the lock is released when its process ends, however it ends.
 
     :raises ValueError: if another process is there, or nothing can be written there
     """
@@ -117,7 +117,7 @@ def _lock(descriptor: int, folder: Path) -> None:
 
 
 def occupied(folder: Path) -> bool:
-    """Whether a process is :func:`locked` a directory."""
+    """Whether a process holds the lock of a directory (:func:`locked`)."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:

@@ -58,7 +58,7 @@ class LoadedPolicy:
 
     @property
     def digest(self) -> str:
-        """Which policy it is, and of which task: the beginning of the SHA-256 of its files, its encoder's and its
+        """Identifies the policy and its task: the beginning of the SHA-256 of its files, its encoder's and its
         robot's, and of the task's data. The paths that they were found by do not matter.
         """
         robot, latent = self.task.robot_config, self.task.uses_latent and self.task.encoder
@@ -166,7 +166,7 @@ class NetworkSize:
 
 @dataclass(frozen=True, kw_only=True)
 class Network:
-    """All that the weights of a policy need to be one."""
+    """Sizes and scales of a network, from which it is built before its weights are loaded."""
 
     scale: tuple[float, ...]
     """typical sizes of the observation's components"""
@@ -176,7 +176,7 @@ class Network:
     """of the LSTMs"""
 
     def check(self, weights: dict[str, th.Tensor]) -> None:
-        """Hold the sizes against the weights, before anything of these sizes is made.
+        """Compare the sizes with the shapes of the weights, before a network of these sizes is built.
 
         :raises ValueError: if they differ
         """

@@ -1,4 +1,4 @@
-"""Run directories, as ``ogmp-train`` leaves them: what was asked for, and how far it got."""
+"""Run directories of ``ogmp-train``: settings, progress and checkpoints, read from disk."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Run:
 
     @property
     def fingerprint(self) -> str:
-        """What tells a training from every other one; of its settings, all but those that may change on the way."""
+        """Identifies a training: all of its settings but those that may change when it is resumed."""
         train = {key: value for key, value in self.config.get("train", {}).items() if key not in RESUMABLE}
         data = json.dumps([self.config.get("task"), train, self.config.get("versions")], sort_keys=True)
         return hashlib.sha256(data.encode()).hexdigest()[:16]
@@ -165,7 +165,7 @@ def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:
 
 
 def tidy_run(run_dir: Path) -> None:
-    """Put right what a kill or a full disk has left in a run directory."""
+    """Clean up a run directory after a kill or a full disk."""
     for folder, names in (
         (run_dir, BEST),
         (run_dir, CONFIG),

@@ -1,4 +1,4 @@
-"""What a training needs beside its task: sizes, threads, and the versions its numbers depend on."""
+"""Settings of a training beside its task: number of environments, threads, intervals; and the versions it ran with."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def thread_count(setting: str | int) -> int:
 
 
 def versions() -> dict[str, str]:
-    """What a run's numbers depend on."""
+    """Versions of the packages that a run's numbers depend on."""
     installed = {}
     for name in RECORDED:
         try:

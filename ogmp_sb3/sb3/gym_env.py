@@ -20,7 +20,7 @@ RENDER_MODES = ("rgb_array",)
 
 
 def spaces_of(env: BatchEnv) -> tuple[spaces.Box, spaces.Box]:
-    """Of observations and of actions."""
+    """The observation space and the action space of a task's environments."""
     bound = (CLIP * env.observation_scale).astype(np.float32)
     return spaces.Box(-bound, bound, dtype=np.float32), spaces.Box(-1.0, 1.0, (env.action_size,), np.float32)
 
@@ -41,7 +41,7 @@ def check_render_mode(render_mode: str | None) -> None:
 
 
 def render_metadata(task: TaskConfig) -> dict[str, Any]:
-    """What Gymnasium wants to know of pictures."""
+    """Gymnasium's ``metadata``: render modes, and pictures per second."""
     return {"render_modes": list(RENDER_MODES), "render_fps": round(1 / task.control_dt)}
 
 

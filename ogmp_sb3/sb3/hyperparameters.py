@@ -1,4 +1,4 @@
-"""Hyper-parameters of the learner: those of ``ogmp-train``, from ``conf/train.yaml``, and what they may be."""
+"""Hyper-parameters of the learner: the defaults of ``ogmp-train`` (``conf/train.yaml``), and their allowed ranges."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def make_model(
 def make_model(
     env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: Any = RecurrentPPO, **hyperparameters: Any
 ) -> Any:
-    """A recurrent policy that has learned nothing yet, and what trains it.
+    """A new recurrent policy and its learner.
 
     :param env: an :class:`~ogmp_sb3.sb3.vec_env.OgmpVecEnv`, wrapped or not
     :param ppo: hyper-parameters; None: those of ``ogmp-train``

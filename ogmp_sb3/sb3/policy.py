@@ -1,4 +1,4 @@
-"""The recurrent policy: sb3-contrib's, with a normaliser in front and the LSTM called once per batch; and its sizes."""
+"""The recurrent policy: sb3-contrib's, with an observation normaliser, and the LSTM called once per batch."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 
 class PolicyAverage(BaseCallback):
-    """Keeps the average of the weights after each update, exponentially weighted; at first it is that of all so far.
+    """Keeps the average of the weights after each update, exponentially weighted; at first their plain mean.
 
     :param over: time constant, samples
     """

@@ -125,7 +125,7 @@ class OgmpVecEnv(Copied, VecEnv):
         }
 
     def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that the next steps depend on. See :meth:`BatchEnv.state`."""
+        """The state of the simulations, for :meth:`set_state`. See :meth:`BatchEnv.state`."""
         arrays, plain = self.batch.state()
         sums = {f"sum.{name}": values.copy() for name, values in self._sums.items()}
         return {**arrays, **sums, "start_x": self._start_x.copy()}, plain

@@ -92,3 +92,9 @@ def test_a_policy_that_observes_something_else_does_not_fit(shape: tuple[int, ..
         play_episodes(load_policy("parkour"), TASK.for_evaluation(), 1, seed=0)
     with pytest.raises(ValueError, match="the task shows"):
         Player(TASK, load_policy("parkour"))
+
+
+@pytest.mark.parametrize("policy", ["parkour", None, SimpleNamespace(policy=3)])
+def test_what_does_not_act_is_one_sentence(policy: Any) -> None:
+    with pytest.raises(TypeError, match=r"^a model, a policy or what load_policy returns is needed .*, found "):
+        playable(policy, SIZE)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from helpers.views import make_view
+from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.registry import Registry
-from ogmp_sb3.env.observations import Signal
+from ogmp_sb3.env.observations import Part, Signal
 from ogmp_sb3.env.terms import Term, bind
 
 ROWS = 3
@@ -65,6 +66,10 @@ OBSERVATIONS = {
     "NaN": (Signal(np.full((3, 2), np.nan), np.ones(2)), "the value .* must be finite; it holds nan"),
     "short scale": (Signal(np.zeros((3, 2)), np.ones(1)), r"the scale .* shape \(2,\); it is .* shape \(1,\)"),
     "scalar scale": (Signal(np.zeros((3, 2)), 0.5), r"the scale .* shape \(2,\); it is the number 0\.5"),
+    "long part": (
+        Signal(np.zeros((3, 2)), np.ones(2), (Part("p", "m", 3),)),
+        "the parts .* 2 values in all; found 3",
+    ),
     "scale of zero": (Signal(np.zeros((3, 2)), np.array([1.0, 0.0])), "the scale .* above 0; it holds 0"),
 }
 
@@ -113,3 +118,27 @@ def test_terms_in_use_are_bound_to_their_parameters() -> None:
     terms = bind(kinds, {"twice": {"weight": 3.0}, "unused": None})
     assert list(terms) == ["twice"]
     np.testing.assert_array_equal(terms["twice"](make_view(ROWS)), [6.0, 6.0, 6.0])
+
+
+def test_an_exception_of_a_term_is_a_sentence_that_names_the_term_and_its_line() -> None:
+    def fails(view: Any) -> np.ndarray:
+        return np.zeros(3)[7]  # type: ignore[no-any-return]
+
+    line = fails.__code__.co_firstlineno + 1
+    message = rf"^reward 'mine' failed in line {line} of env/test_terms.py: IndexError: index 7 is out of .*\.$"
+    with pytest.raises(FunctionFailed, match=message) as caught:
+        Term("reward", "mine", fails)(make_view(ROWS))
+    assert isinstance(caught.value.__cause__, IndexError)
+
+
+def test_a_term_that_cannot_be_called_is_named_too() -> None:
+    with pytest.raises(FunctionFailed, match=r"^reward 'mine' failed: TypeError: .* takes 0 positional arguments"):
+        Term("reward", "mine", lambda: np.zeros(ROWS))(make_view(ROWS))  # type: ignore[arg-type, misc]
+
+
+def test_a_sentence_that_names_the_term_stays_as_it_is() -> None:
+    def refuses(view: Any) -> np.ndarray:
+        raise ValueError("reward 'mine' needs a robot with a tail.")
+
+    with pytest.raises(ValueError, match=r"^reward 'mine' needs a robot with a tail\.$"):
+        Term("reward", "mine", refuses)(make_view(ROWS))

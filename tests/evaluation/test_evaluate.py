@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import ogmp_sb3
 from helpers.learners import make_policy
 from helpers.programs import program
 from helpers.records import record
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.evaluate import Evaluation, estimates_by_word, evaluate, measure
 from ogmp_sb3.runs.policies import load_policy
@@ -84,3 +87,21 @@ def test_evaluations_of_earlier_versions_are_read(tmp_path: Path) -> None:
     each = {"mean": 1.0, "std": None, "n": 1, "ci95": [None, None]}
     data = {"metrics": {"return": each}, "groups": {}, "median_distance_m": 0.0, "terminations": {"fall": 1}}
     assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == data
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (None, "^what metric 'mine' returns must be a number, or true or false; it is nothing"),
+        (np.zeros(3), r"^what metric 'mine' returns .* it is an array of shape \(3,\) of float64"),
+    ],
+)
+def test_a_metric_that_gives_no_number_is_named(value: Any, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = load_task("parkour")
+    task = replace(task, evaluation=replace(task.evaluation, metrics=("mine",)))
+    monkeypatch.setitem(registry.metrics._functions, "mine", lambda record: value)
+    with pytest.raises(TypeError, match=message):
+        measure(task, [record()])
+    monkeypatch.setitem(registry.metrics._functions, "mine", lambda record: record.nonsense)
+    with pytest.raises(FunctionFailed, match=r"^metric 'mine' failed in line \d+ .*: AttributeError: .* 'nonsense'\.$"):
+        measure(task, [record()])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
+import pytest
+
+from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.guidance.course import Course
-from ogmp_sb3.guidance.plans import Plans, segment_set_points, start_state
+from ogmp_sb3.guidance.plans import CheckedOracle, Plans, segment_set_points, start_state
 from ogmp_sb3.guidance.rotations import rpy_to_quat
 from ogmp_sb3.guidance.sampling import ModeCall, flat_ground
-from ogmp_sb3.guidance.set_points import set_points
+from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
 ENVS = 3
@@ -95,3 +100,56 @@ def test_a_robot_starts_a_mode_on_the_ground_where_the_mode_begins() -> None:
     state = start_state(task, ModeCall("flip", {"r": "left", "h": 1.3}).segment())
     assert state[0, POS.start + 2] == task.robot_config.nominal_height + 1.3
     assert np.count_nonzero(state) == 1
+
+
+ROWS, KNOTS = 2, 4
+POINTS = SetPoints(
+    np.zeros((ROWS, KNOTS + 1, STATE_SIZE)),
+    np.ones((ROWS, KNOTS), dtype=bool),
+    np.zeros((ROWS, KNOTS), dtype=int),
+    np.full(ROWS, KNOTS),
+    blend=8.0,
+)
+RIGHT = Reference(POINTS.state, POINTS.steps)
+WRONG = {
+    "nothing": (None, "what oracle 'mine' returns must be a Reference, .* it is nothing"),
+    "states alone": (POINTS.state, r"must be a Reference, .* it is an array of shape \(2, 5, 12\) of float64"),
+    "a knot short": (
+        replace(RIGHT, state=np.zeros((2, 4, 12))),
+        r"the state .* shape \(2, 5, 12\); it is .*\(2, 4, 12\)",
+    ),
+    "integers": (replace(RIGHT, state=np.zeros((2, 5, 12), int)), "the state of the Reference .* it is .* of int64"),
+    "list": (replace(RIGHT, state=[0.0]), "the state .* it is the list"),  # type: ignore[arg-type]
+    "NaN": (replace(RIGHT, state=np.full((2, 5, 12), np.nan)), "the state .*'mine' must be finite; it holds nan"),
+    "one number of steps": (replace(RIGHT, steps=4), "the steps .* it is the number 4"),  # type: ignore[arg-type]
+    "halves of steps": (replace(RIGHT, steps=np.full(2, 0.5)), "the steps of the Reference .* it is .* of float64"),
+    "steps of each knot": (replace(RIGHT, steps=np.zeros((2, 5), int)), r"the steps .* shape \(2,\); it is .*\(2, 5\)"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_an_oracle_answers_with_a_finite_reference_for_each_row(case: str) -> None:
+    answer, message = WRONG[case]
+    oracle = CheckedOracle("mine", lambda points, x0: answer)  # type: ignore[arg-type, return-value]
+    for _ in range(2):  # a wrong answer stays wrong
+        with pytest.raises((TypeError, ValueError), match=message):
+            oracle(POINTS, np.zeros((ROWS, STATE_SIZE)))
+
+
+def test_only_the_first_answer_is_looked_at_and_only_where_the_state_is_finite() -> None:
+    spoilt = replace(RIGHT, state=POINTS.state.copy())
+    spoilt.state[1] = np.nan
+    x0 = np.zeros((ROWS, STATE_SIZE))
+    x0[1, 3] = np.inf
+    answers: Any = iter([spoilt, None])
+    oracle = CheckedOracle("mine", lambda points, x0: next(answers))
+    assert oracle(POINTS, x0) is spoilt
+    assert oracle(POINTS, x0) is None
+
+
+def test_an_exception_of_an_oracle_names_it_and_its_line() -> None:
+    def fails(points: SetPoints, x0: np.ndarray) -> Reference:
+        raise RuntimeError("no plan")
+
+    with pytest.raises(FunctionFailed, match=r"^oracle 'mine' failed in line \d+ of guidance/test_plans.py: .* no pl"):
+        CheckedOracle("mine", fails)(POINTS, np.zeros((ROWS, STATE_SIZE)))

@@ -1,14 +1,17 @@
 """Task variants: how often modes come, how their parameters spread, and what the curriculum does to both."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from helpers.mistakes import SHIPPED, put, write
+from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.guidance.modes import jump
+from ogmp_sb3.config.registry import modes
+from ogmp_sb3.guidance.modes import Segment, Span, jump
 from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments
 
 DRAWS = 4000
@@ -147,3 +150,31 @@ def test_a_place_in_a_sequence_can_have_parameters_of_its_own():
         assert 0.2 <= jump.parameters["h"] <= 0.35
         assert all(0.01 <= call.parameters["h"] <= 0.02 and 0.3 <= call.parameters["w"] <= 0.5 for call in (low, again))
     assert max(span.velocity[0] for s in corner_segments(task) for span in s.spans) == 2.5
+
+
+GROUND = Segment(length=1.0, spans=(Span(end=1.0, velocity=(0.8, 0.0)),))
+WRONG_MODES = {
+    "nothing": (None, "what mode 'mine' returns must be a Segment; it is nothing"),
+    "numbers for spans": (
+        replace(GROUND, spans=(1.0,)),
+        "'modes.mine' is made of a Span that is the number 1.0",
+    ),
+    "no spans": (replace(GROUND, spans=()), r"'modes.mine' has no set-points, not one Span \(v 1"),
+    "NaN": (replace(GROUND, spans=(Span(end=np.nan),)), r"'modes.mine' asks for a number that is not finite \(v 1"),
+    "negative length": (replace(GROUND, length=-1.0), r"'modes.mine' takes no length of the track \(v 1"),
+    "backwards": (replace(GROUND, spans=(Span(end=1.0, velocity=(-1.0, 0.0)),)), r"'modes.mine' runs backwards"),
+}
+
+
+@pytest.mark.parametrize("case", [*WRONG_MODES, "exception"])
+def test_a_mode_that_cannot_be_laid_is_named_with_its_parameters(case, monkeypatch):
+    answer, message = WRONG_MODES.get(case, (None, r"^mode 'mine' failed in line \d+ of .*/test_sampling.py: Zero"))
+
+    def mine(v: float):
+        return 1 / 0 if case == "exception" else answer
+
+    monkeypatch.setitem(modes._functions, "mine", mine)
+    task = load_task("parkour", {"curriculum": None, "sampling.weights": {}, "modes": {"mine": {"v": [1.0, 2.0]}}})
+    kind = FunctionFailed if case == "exception" else (TypeError, ValueError)
+    with pytest.raises(kind, match=message):
+        list(corner_segments(task))

@@ -148,7 +148,7 @@ REFUSED = [
     ({"track.boxes": 10**6}, "'track': boxes must be at most 1000, found 1000000."),
     ({"track.boxes": 2}, "'track.boxes' is 2, too few for the terrain around a robot"),
     (only("pace", length=1e-6), "'modes' are too short: over 1000 set-point spans around a robot."),
-    ({"modes.pace.length": 0}, "'modes' has a mode that takes no length of the track."),
+    ({"modes.pace.length": 0}, "'modes.pace' takes no length of the track (v 0.6, length 0."),
     ({"modes.pace.v": 1e9}, "speeds in 'modes' times 'horizon', or 'observations.height_scan', reach 9e+08 m ahead"),
     ({"observations.height_scan.points": 10**9}, "'observations.height_scan', reach 4e+07 m ahead"),
     ({"observations.height_scan": {"points": 1001, "spacing": 0.001}}, "needs 1 to 1000 of 'points', found 1001."),
