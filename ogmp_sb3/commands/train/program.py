@@ -18,6 +18,7 @@ from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, run_hydra, 
 from ogmp_sb3.commands.train.composition import given_bare
 from ogmp_sb3.commands.train.search import expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
+from ogmp_sb3.commands.train.usage import usage
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
@@ -88,28 +89,22 @@ def _resume(arguments: list[str]) -> None:
     train(Job(task=task, task_data=data["task"], config=config, run_dir=run_dir), resume)
 
 
-def _run(arguments: list[str]) -> None:
+def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
-    arguments, names = register_tasks(arguments)
+    register_sweeper()
+    arguments, names = register_tasks(expanded(arguments))
     sys.argv[1:] = checked(arguments, registered_data(names))
     run_hydra(_hydra_main)
 
 
+def _body(arguments: list[str]) -> None:
+    resume = any(argument.startswith("resume=") for argument in arguments)
+    (_resume if resume else _train)(arguments)
+
+
 def main() -> None:
     """Entry point."""
-    arguments = sys.argv[1:]
-    try:
-        if any(argument.startswith("resume=") for argument in arguments):
-            _resume(arguments)
-        else:
-            register_sweeper()
-            if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
-                arguments.append("task=parkour")  # Hydra shows no help before the task is known
-            _run(expanded(arguments))
-    except cli.MISTAKES as error:
-        cli.fail(PROGRAM, error)
-    except KeyboardInterrupt:  # a second Ctrl-C, or one before the training began
-        raise SystemExit(130) from None
+    cli.run(PROGRAM, usage, _body)
 
 
 if __name__ == "__main__":
