@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import given_bare
-from ogmp_sb3.commands.train.search import expanded, register_sweeper
+from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
 from ogmp_sb3.commands.train.usage import usage
 from ogmp_sb3.config.catalogue import shown_path
@@ -93,6 +93,7 @@ def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
     register_sweeper()
     arguments, names = register_tasks(expanded(arguments))
+    check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))
     run_hydra(_hydra_main)
 
