@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config import registry
+from ogmp_sb3.config.catalogue import is_file
 from ogmp_sb3.config.editor_schema import task_schema
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.plugins import load_plugins
@@ -153,8 +154,8 @@ def _range_text(range_: Range) -> str:
 
 
 def _run(arguments: list[str]) -> None:
-    names = [argument for argument in arguments if "=" not in argument]
-    keys = [*(f"task={name}" for name in names[:1]), *(argument for argument in arguments if "=" in argument)]
+    names = [a for a in arguments if "=" not in a or (a.endswith(".yaml") and is_file(Path(a)))]
+    keys = [*(f"task={name}" for name in names[:1]), *(a for a in arguments if a not in names)]
     config, overrides = cli.parse(CheckConfig, keys, PROGRAM, cli.task_keys(TaskConfig))
     if len(names) > 1 and config.out:
         raise ValueError("'out' takes the picture of one task: check them one by one.")

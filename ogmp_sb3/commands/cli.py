@@ -73,12 +73,13 @@ def usage(program: str, purpose: str, examples: list[str], kind: type[Any], extr
     """
     lines = [f"{program}: {purpose}", "", "Examples:", *(f"  {example}" for example in examples), "", "Keys:"]
     for field in dataclasses.fields(kind):
-        default = "required" if field.default is dataclasses.MISSING else f"default {_shown(field.default)}"
+        default = "required" if field.default is dataclasses.MISSING else f"default {shown(field.default)}"
         lines.append(f"  {field.name:<15} {field.metadata['help']} ({default})")
     return "\n".join([*lines, *([f"  {extra}"] if extra else [])])
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value as one types it."""
     return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -87,11 +88,15 @@ def option(help_text: str, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"help": help_text})
 
 
-def run(program: str, help_text: str, body: Callable[[list[str]], None]) -> None:
-    """Run a program: help on demand, and a user's mistake is one sentence and exit code 2."""
+def run(program: str, help_text: str | Callable[[], str], body: Callable[[list[str]], None]) -> None:
+    """Run a program: help on demand, and a user's mistake is one sentence and exit code 2.
+
+    :param help_text: what ``--help`` prints, or what makes it
+    """
     arguments = sys.argv[1:]
     if not arguments or any(a in ("-h", "--help", "help") for a in arguments):
-        print(help_text)
+        text = help_text() if callable(help_text) else help_text
+        print(f"{text}\n", end="")  # in one write, so that `| head` breaks no pipe
         return
     try:
         body(arguments)

@@ -67,7 +67,7 @@ def _named_fields() -> dict[tuple[type[Any], str], Schema]:
 
 
 def _of_dataclass(kind: type[Any], named: Mapping[tuple[type[Any], str], Schema]) -> Schema:
-    hints, texts = typing.get_type_hints(kind), _field_texts(kind)
+    hints, texts = typing.get_type_hints(kind), field_texts(kind)
     fields = [f for f in dataclasses.fields(kind) if not f.metadata.get("internal")]
     properties = {}
     for field in fields:
@@ -154,7 +154,7 @@ def _summary(thing: Any) -> str:
     return (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
 
 
-def _field_texts(kind: type[Any]) -> dict[str, str]:
+def field_texts(kind: type[Any]) -> dict[str, str]:
     """The strings under the fields of a dataclass."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(definition, ast.ClassDef)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 
 from helpers.programs import program
 from ogmp_sb3.commands.check import reference_panels
+from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 
 
@@ -19,6 +21,12 @@ def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:
         assert set(heights) == {"linear", "lqr", "preview"}
         assert all(len(height) == len(points) == len(stance) + 1 < 500 for height in heights.values())
     assert np.ptp(panels["jump"][1]) > 0.2  # the block of 0.275 m
+
+
+def test_a_file_with_an_equals_sign_in_its_name_is_checked(tmp_path: Path) -> None:
+    shutil.copy(TASKS_DIR / "dive.yaml", tmp_path / "a=b.yaml")
+    done = program("check", "a=b.yaml", "rho=0.4", cwd=tmp_path)
+    assert done.returncode == 0 and "a=b.yaml is right." in done.stdout
 
 
 def test_several_tasks_are_all_checked(tmp_path: Path) -> None:

@@ -38,6 +38,12 @@ FULL_ERROR = "HYDRA_FULL_ERROR"  # Hydra's variable: errors are raised, not prin
 LINKS = ("See https://", "full_key:", "object_type=", "reference_type=", "Config search path:", "provider=")
 
 
+def joined(arguments: list[str]) -> list[str]:
+    """The same command line with ``--config-dir`` and its directory, which may have any name, as one word."""
+    words = iter(arguments)
+    return [f"--config-dir={next(words, '')}" if word in ("--config-dir", "-cd") else word for word in words]
+
+
 def checked(arguments: list[str], tasks: Iterable[dict[str, Any]]) -> list[str]:
     """The same command line with Hydra's options in front and every key checked.
 

@@ -6,12 +6,12 @@ Hydra then takes them as they were typed, in sweeps too, and names directories b
 from __future__ import annotations
 
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from ogmp_sb3.commands.train.command_line import TASK_KEYS
 from ogmp_sb3.config.task import TaskConfig
@@ -22,7 +22,7 @@ NAME = "bare_task_keys"  # in the defaults of conf/train.yaml
 def register_bare_keys() -> None:
     """Make the places known to Hydra."""
     hints = typing.get_type_hints(TaskConfig)
-    places = {key: _open() if _is_mapping(hints[key]) else "???" for key in TASK_KEYS}
+    places = {key: _open() if _is_mapping(hints[key]) else MISSING for key in TASK_KEYS}
     ConfigStore.instance().store(name=NAME, node=OmegaConf.create(places), provider="ogmp_sb3")
 
 
@@ -36,19 +36,15 @@ def _open() -> DictConfig:
     return DictConfig({}, flags={"struct": False})
 
 
-def given_bare(cfg: DictConfig, overrides: Sequence[str]) -> dict[str, Any]:
+def given_bare(plain: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
     """The keys of the task that a configuration holds at its top.
 
-    :param cfg: the composed configuration
+    :param plain: the composed configuration
     :param overrides: the command line, which tells an empty mapping that was given from none
     """
     typed = {override.partition("=")[0].lstrip("+") for override in overrides}
-    found = {key: cfg[key] for key in TASK_KEYS if key in cfg and not OmegaConf.is_missing(cfg, key)}
-    return {
-        key: OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
-        for key, value in found.items()
-        if value != {} or key in typed
-    }
+    found = {key: plain[key] for key in TASK_KEYS if plain.get(key, MISSING) != MISSING}
+    return {key: value for key, value in found.items() if value != {} or key in typed}
 
 
 register_bare_keys()

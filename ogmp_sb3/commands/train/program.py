@@ -14,10 +14,11 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, run_hydra, sentence
+from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import given_bare
-from ogmp_sb3.commands.train.search import expanded, register_sweeper
+from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
+from ogmp_sb3.commands.train.usage import usage
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
@@ -31,12 +32,15 @@ from ogmp_sb3.runs.training import Job, begin_or_go_on, train
 PROGRAM = "ogmp-train"
 
 
-def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
+def _plain(config: Any) -> Any:
+    """Plain data, in which ``${...}`` stays text, as in a task file."""
+    return OmegaConf.to_container(config)
+
+
+def _task_of(plain: dict[str, Any], overrides: list[str]) -> tuple[TaskConfig, dict[str, Any]]:
     """The task of a composed configuration, with its keys that were given without ``task.`` put in."""
     path = task_file(HydraConfig.get().runtime.choices["task"])
-    plain = OmegaConf.to_container(cfg)  # ${...} stays text, as in a task file
-    assert isinstance(plain, dict)
-    data = apply_overrides(plain["task"], given_bare(cfg, HydraConfig.get().overrides.task), shown_path(path))
+    data = apply_overrides(plain["task"], given_bare(plain, overrides), shown_path(path))
     robot = str(data.get("robot", ""))
     if robot.endswith((".yaml", ".yml")):
         data["robot"] = str((path.parent / robot).resolve())
@@ -47,13 +51,12 @@ def _task_of(cfg: DictConfig) -> tuple[TaskConfig, dict[str, Any]]:
 def _hydra_main(cfg: DictConfig) -> float:
     run_dir = Path(HydraConfig.get().runtime.output_dir)
     try:
-        task, task_data = _task_of(cfg)
-        plain = OmegaConf.to_container(cfg, throw_on_missing=False)
-        assert isinstance(plain, dict)
+        plain, overrides = _plain(cfg), _plain(HydraConfig.get().overrides.task)
+        task, task_data = _task_of(plain, overrides)
         values = {k: v for k, v in plain.items() if k not in ("task", *TASK_KEYS)}
         config = read(TrainConfig, values, Where(PROGRAM))
-        overrides = tuple(HydraConfig.get().overrides.task)
-        return begin_or_go_on(Job(task=task, task_data=task_data, config=config, run_dir=run_dir, overrides=overrides))
+        job = Job(task=task, task_data=task_data, config=config, run_dir=run_dir, overrides=tuple(overrides))
+        return begin_or_go_on(job)
     except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
         return _failed(run_dir, ValueError(sentence(error)))
     except cli.MISTAKES as error:
@@ -88,28 +91,23 @@ def _resume(arguments: list[str]) -> None:
     train(Job(task=task, task_data=data["task"], config=config, run_dir=run_dir), resume)
 
 
-def _run(arguments: list[str]) -> None:
+def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
-    arguments, names = register_tasks(arguments)
+    register_sweeper()
+    arguments, names = register_tasks(expanded(joined(arguments)))
+    check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))
     run_hydra(_hydra_main)
 
 
+def _body(arguments: list[str]) -> None:
+    resume = any(argument.startswith("resume=") for argument in arguments)
+    (_resume if resume else _train)(arguments)
+
+
 def main() -> None:
     """Entry point."""
-    arguments = sys.argv[1:]
-    try:
-        if any(argument.startswith("resume=") for argument in arguments):
-            _resume(arguments)
-        else:
-            register_sweeper()
-            if {"--help", "-h"} & set(arguments) and not any(argument.startswith("task=") for argument in arguments):
-                arguments.append("task=parkour")  # Hydra shows no help before the task is known
-            _run(expanded(arguments))
-    except cli.MISTAKES as error:
-        cli.fail(PROGRAM, error)
-    except KeyboardInterrupt:  # a second Ctrl-C, or one before the training began
-        raise SystemExit(130) from None
+    cli.run(PROGRAM, usage, _body)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import numpy as np
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, ValueType
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
@@ -31,7 +31,7 @@ from ogmp_sb3.commands import cli
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.evaluation.result_cache import ResultCache
-from ogmp_sb3.runs.multirun import MULTIRUN, plain_key, setting
+from ogmp_sb3.runs.multirun import MULTIRUN, plain_key
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import FAILURE, Run, read_run
 
@@ -40,6 +40,7 @@ EPISODES = 32  # of the test protocol, to compare jobs by
 VALUES = {"rho": "0.05,0.1,0.2,0.3,0.4,0.5,0.6,0.8"}  # of keys that a command line need not give values
 SCORES = "halving.jsonl"  # in the directory of the search
 SHORT = "+search="
+SWEEPER = "hydra/sweeper=halving"
 HOME = "hydra._internal.core_plugins.ogmp_sb3"  # Hydra takes plug-ins from its own packages alone
 BUDGET = "total_timesteps"  # the key that the search sets for every round
 
@@ -55,7 +56,7 @@ def expanded(arguments: list[str]) -> list[str]:
     key = keys[-1]
     rest = [a for a in arguments if a not in ("-m", "--multirun") and not a.startswith(SHORT)]
     given = {plain_key(argument.partition("=")[0]) for argument in rest}
-    words = ["-m", "+experiment=sweep", "hydra/sweeper=halving", f"hydra.sweeper.key={key}"]
+    words = ["-m", "+experiment=sweep", SWEEPER, f"hydra.sweeper.key={key}"]
     if key not in given:
         if key not in VALUES:
             raise ValueError(f"'{SHORT}{key}' needs the values that it compares: {key}=<value>,<value>,...")
@@ -102,39 +103,39 @@ class HalvingSweeper(Sweeper):
         typed = {plain_key(override.key_or_group) for override in given}
         params = [f"{key}={value}" for key, value in self.params.items() if plain_key(key) not in typed]
         overrides = [*OverridesParser.create().parse_overrides(params), *given]
-        values = self._values(overrides)
+        self._check(overrides)
         total = self._total(overrides)
         grid = self._grid(overrides)
+        values = list(dict.fromkeys(value for value, _ in grid))
         folder = Path(self.config.hydra.sweep.dir)
         folder.mkdir(parents=True, exist_ok=True)
         OmegaConf.save(self.config, folder / MULTIRUN)
         first: list[Run] = []
         for left in reversed(range(self.rounds)):
             budget = total // 2**left
-            jobs = self._train([[*job, f"{BUDGET}={budget}"] for value in values for of, job in grid if of == value])
-            if any(folder.rglob(FAILURE)):  # what failed is told when the sweep has ended
+            jobs = self._train([pair for value in values for pair in grid if pair[0] == value], budget)
+            if not jobs:  # what failed is told when the sweep has ended
                 return
-            first = first or jobs
-            ranked = _ranked(folder, self.key, values, jobs, budget, self.episodes)
+            first = first or [job for of_value in jobs.values() for job in of_value]
+            ranked = _ranked(folder, jobs, budget, self.episodes)
             values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
             _show(ranked, len(values), f"after {budget:,} samples, {self.episodes} test episodes each")
         spent = sum(read_run(job.path).samples for job in first)
         print(f"Best: {self.key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
 
-    def _values(self, overrides: Sequence[Override]) -> list[str]:
-        """The values that are compared, as words of a command line."""
+    def _check(self, overrides: Sequence[Override]) -> None:
+        """:raises ValueError: if there are no values to compare, or Hydra would have to work them out"""
         for key in (self.key, BUDGET):
             if sum(plain_key(override.key_or_group) == key for override in overrides) > 1:
                 raise ValueError(f"'{key}' is given twice.")
         found = [override for override in overrides if plain_key(override.key_or_group) == self.key]
         if not found:
             raise ValueError(f"'{SHORT}{self.key}' needs the values that it compares: {self.key}=<value>,<value>,...")
-        text = found[-1].get_value_string()
-        if any(mark in text for mark in "()[]{}"):
+        if found[-1].value_type not in (ValueType.SIMPLE_CHOICE_SWEEP, ValueType.ELEMENT):
             raise ValueError(
-                f"'{self.key}={text}': a search takes plain values with commas between them, e.g. {self.key}=0.1,0.3."
+                f"'{self.key}={found[-1].get_value_string()}': a search takes plain values with commas between them, "
+                f"e.g. {self.key}=0.1,0.3."
             )
-        return list(dict.fromkeys(value for value, _ in self._grid(found[-1:])))
 
     def _grid(self, overrides: Sequence[Override]) -> list[tuple[str, list[str]]]:
         """The value and the command line of every job, without its samples."""
@@ -149,14 +150,29 @@ class HalvingSweeper(Sweeper):
         value = given[-1].get_value_string() if given and given[-1].is_sweep_override() else self.config[BUDGET]
         return int(read(int, value, Where("ogmp-train", BUDGET)))
 
-    def _train(self, batch: list[list[str]]) -> list[Run]:
-        """Run jobs on the launcher, and read their directories."""
+    def _train(self, grid: list[tuple[str, list[str]]], samples: int) -> dict[str, list[Run]]:
+        """Run jobs on the launcher.
+
+        :param grid: value and command line of each
+        :return: the jobs of every value; a value of which one failed is out
+        """
+        batch = [[*job, f"{BUDGET}={samples}"] for _, job in grid]
         self.validate_batch_is_legal(batch)
         results = self.launcher.launch(batch, initial_job_idx=self.launched)
         self.launched += len(batch)
-        for result in results:
+        folders: dict[str, list[Path]] = {}
+        for (value, _), result in zip(grid, results, strict=True):
             _ = result.return_value  # raises what a job raised
-        return [read_run(Path(result.hydra_cfg.hydra.runtime.output_dir)) for result in results]  # type: ignore[union-attr]
+            folder = Path(result.hydra_cfg.hydra.runtime.output_dir)  # type: ignore[union-attr]
+            folders.setdefault(value, []).append(folder)
+        right = {v: paths for v, paths in folders.items() if not any((path / FAILURE).is_file() for path in paths)}
+        return {value: [read_run(path) for path in paths] for value, paths in right.items()}
+
+
+def check_one_task(arguments: list[str], tasks: list[str]) -> None:
+    """:raises ValueError: if a search is over several tasks, whose objectives cannot be compared"""
+    if len(tasks) > 1 and SWEEPER in arguments:
+        raise ValueError(f"a search compares values on one task, found {len(tasks)}: search on each of them.")
 
 
 def register_sweeper() -> None:
@@ -169,28 +185,27 @@ def register_sweeper() -> None:
 
 
 def _ranked(
-    folder: Path, key: str, values: list[str], jobs: list[Run], samples: int, episodes: int = EPISODES
+    folder: Path, jobs: Mapping[str, list[Run]], samples: int, episodes: int = EPISODES
 ) -> list[tuple[list[float], str]]:
     """Scores and values, the best first; a score that is known already is not computed again.
 
-    The score of a value is the mean of its jobs, which differ in the seed or another key of the command line.
+    :param folder: of the search
+    :param jobs: of every value; its score is their mean, for they differ in the seed or another key
+    :param samples: that they trained on
     """
     known = ResultCache(folder / SCORES)
     ranked = []
-    for value in values:
+    for value, of_value in jobs.items():
         scores = []
-        for job in jobs:
-            if _word(setting(job, key)) == value:
-                name = job.path.resolve().relative_to(folder.resolve()).as_posix()
-                settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes}
-                if settings not in known and _is_beyond(job, samples):
-                    raise ValueError(
-                        f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
-                        f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
-                    )
-                scores.append(known.remember(settings, lambda job=job: _score(job, episodes)))  # type: ignore[misc]
-        if not scores:
-            raise ValueError(f"{folder}: holds no job with {key}={value}.")
+        for job in of_value:
+            name = job.path.resolve().relative_to(folder.resolve()).as_posix()
+            settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes}
+            if settings not in known and _is_beyond(job, samples):
+                raise ValueError(
+                    f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
+                    f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
+                )
+            scores.append(known.remember(settings, lambda job=job: _score(job, episodes)))  # type: ignore[misc]
         ranked.append((np.mean(scores, axis=0).tolist(), value))
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
 
@@ -210,11 +225,6 @@ def _score(job: Run, episodes: int) -> list[float]:
 
     subject = EvaluatedPolicy(load_policy(job.path), [], job.path)
     return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None))
-
-
-def _word(value: object) -> str:
-    """As on a command line."""
-    return "null" if value is None else str(value)
 
 
 def _show(ranked: list[tuple[list[float], str]], kept: int, title: str) -> None:

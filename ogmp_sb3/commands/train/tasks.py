@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -96,8 +95,8 @@ def _register_by_name(names: set[str], by_path: set[str], arguments: list[str]) 
 
 def _config_dirs(arguments: list[str]) -> list[Path]:
     """What ``--config-dir`` names."""
-    found = [Path(a.partition("=")[2]) for a in arguments if a.startswith("--config-dir=")]
-    return found + [Path(b) for a, b in itertools.pairwise(arguments) if a in ("--config-dir", "-cd")]
+    option = "--config-dir="
+    return [Path(argument.removeprefix(option)) for argument in arguments if argument.startswith(option)]
 
 
 def registered_data(names: Iterable[str]) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from hydra.errors import ConfigCompositionException, HydraException
 from helpers.mutations import SHIPPED, check_sentence
 from helpers.programs import SMALL, program
 from ogmp_sb3.commands.train.command_line import FULL_ERROR, checked, quoted, read_by_hydra, run_hydra, sentence
+from ogmp_sb3.config.catalogue import TASKS_DIR
 
 DIVE = [SHIPPED["dive"]]
 
@@ -97,6 +99,7 @@ def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
         ("rho", "'rho' must have the form key=value as Hydra reads it: missing EQUAL at '<EOF>'."),
         ("rho=[", "'rho=[' must have the form key=value as Hydra reads it: "),
         ("rho=${foo}", "tasks/dive.yaml: 'rho' must be a number, found the text '${foo}'."),
+        ("task.rho=${foo}", "tasks/dive.yaml: 'rho' must be a number, found the text '${foo}'."),
         ("hydra.foo=1", "Could not override 'hydra.foo'."),
         ("--foo", "unknown option '--foo'"),
         ("--cfg=foo", "argument --cfg/-c: invalid choice: 'foo'"),
@@ -127,6 +130,16 @@ def test_keys_that_the_file_leaves_out_reach_the_training(tmp_path: Path) -> Non
     assert data["randomisation"] == {"mass": 0.9}
     assert data["curriculum"] == {"step": 0.1}
     assert data["sampling"]["weights"] == {"flip": 2}
+
+
+@pytest.mark.parametrize("option", ["--config-dir", "-cd"])
+def test_a_task_is_found_in_a_directory_of_any_name(option: str, tmp_path: Path) -> None:
+    folder = tmp_path / "conf dir [a], b=c" / "task"
+    folder.mkdir(parents=True)
+    shutil.copy(TASKS_DIR / "dive.yaml", folder / "hop.yaml")
+    done = program("train", "task=hop", option, folder.parent.name, "--cfg", "job", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "rho: 0.3" in done.stdout
 
 
 # ---- run_hydra, sentence ----

@@ -104,12 +104,6 @@ def test_the_logs_of_a_crashed_and_resumed_run_have_no_double_point(run: Path, t
     assert steps == progress(copy)
 
 
-def test_help_needs_no_task() -> None:
-    done = program("train", "--help", cwd=Path.cwd())
-    assert done.returncode == 0, done.stderr
-    assert "ogmp-train task=parkour rho=0.5" in done.stdout
-
-
 DISTURBED = (
     "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,2],sensor_noise:0.1,"
     "push:{every:0.3,speed:0.3}}"

@@ -31,12 +31,11 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, i
             for job in batch:
                 given = dict(argument.removeprefix("task.").partition("=")[::2] for argument in job)
                 trained.append((given["rho"], int(given["total_timesteps"])))
-                folder = tmp_path / "search" / f"rho={given['rho']}"
+                rho = given["rho"].strip("'")
+                folder = tmp_path / "search" / f"rho={rho}"
                 folder.mkdir(parents=True, exist_ok=True)
                 (folder / "progress.csv").write_text(f"{STEP_COLUMN}\n{trained[-1][1]}\n")
-                write_yaml(
-                    folder / "config.yaml", {"task": {"rho": float(given["rho"])}, "train": {"total_timesteps": 0}}
-                )
+                write_yaml(folder / "config.yaml", {"task": {"rho": float(rho)}, "train": {"total_timesteps": 0}})
                 hydra = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder)}}})
                 results.append(JobReturn(hydra_cfg=hydra, status=JobStatus.COMPLETED))
             return results
@@ -75,11 +74,14 @@ def test_values_on_the_command_line_count(played, tmp_path: Path) -> None:
 
 def test_the_seeds_of_a_value_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scores = {(0.1, 0): 1.0, (0.1, 1): 0.0, (0.3, 0): 0.7, (0.3, 1): 0.5}
-    jobs = [Run(tmp_path / f"{rho}-{seed}", (f"rho={rho}", f"seed={seed}"), {}, {}, "finished") for rho, seed in scores]
+    jobs: dict[str, list[Run]] = {"0.1": [], "0.3": []}
+    for rho, seed in scores:
+        overrides = (f"rho={rho}", f"seed={seed}")
+        jobs[str(rho)].append(Run(tmp_path / f"{rho}-{seed}", overrides, {}, {}, "finished"))
     monkeypatch.setattr(
         halving, "_score", lambda job, episodes: [scores[setting(job, "rho"), setting(job, "seed")], 0.0]
     )
-    assert halving._ranked(tmp_path, "rho", ["0.1", "0.3"], jobs, 100) == [
+    assert halving._ranked(tmp_path, jobs, 100) == [
         ([pytest.approx(0.6), 0.0], "0.3"),
         ([0.5, 0.0], "0.1"),
     ]
@@ -99,8 +101,8 @@ def test_scores_are_not_those_of_another_training_in_the_same_directory(played, 
         write_yaml(file, {**read_yaml(file), "task": {"rho": 0.0}})
     (job,) = (job for job in read_sweep(tmp_path / "search") if job.path.name == "rho=0.3")
     with pytest.raises(ValueError, match=r"trained on \d+ samples already, where this search compares after 100"):
-        halving._ranked(tmp_path / "search", "rho", ["0.0"], [job], 100)
-    assert halving._ranked(tmp_path / "search", "rho", ["0.0"], [job], job.samples) == [([0.0, 0.0], "0.0")]
+        halving._ranked(tmp_path / "search", {"0.0": [job]}, 100)
+    assert halving._ranked(tmp_path / "search", {"0.0": [job]}, job.samples) == [([0.0, 0.0], "0.0")]
 
 
 @pytest.mark.parametrize("values", ["choice(0.1,0.3)", "range(1,3)"])
@@ -127,9 +129,25 @@ def test_a_search_over_anything_else_needs_its_values(played, tmp_path: Path) ->
     assert played == []
 
 
-def test_a_value_without_a_job_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"holds no job with rho=0.3"):
-        halving._ranked(tmp_path, "rho", ["0.3"], [], 100)
+def test_a_value_whose_job_failed_is_out_and_the_others_go_on(tmp_path: Path) -> None:
+    arguments = ["-m", "+search=rho", "task=dive", "rho=0.1,-1,0.4", "total_timesteps=256", *SMALL]
+    quick = ["hydra/launcher=basic", "hydra.sweeper.episodes=2", "evaluation.episode_steps=10"]
+    done = program("train", *arguments, *quick, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout.count("dropped") == 1 and "Best: rho=" in done.stdout
+    assert "'rho' must be above 0" in done.stderr and done.stderr.count("ogmp-train: ") == 1
+
+
+def test_values_may_be_in_quotes(played, tmp_path: Path) -> None:
+    run(tmp_path, "rho='0.1','0.3'")
+    assert [value for value, _ in played] == ["'0.1'", "'0.3'", "'0.3'", "'0.3'", "'0.3'"]
+
+
+@pytest.mark.parametrize("words", [["+search=rho"], ["hydra/sweeper=halving", "rho=0.1,0.2", "hydra.sweep.dir=s"]])
+def test_a_search_is_on_one_task(words: list[str], tmp_path: Path) -> None:
+    done = program("train", "-m", *words, "task=dive,stairs", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "ogmp-train: a search compares values on one task, found 2: search on each of them.\n"
 
 
 def test_a_key_with_its_prefix_is_the_same_key(played, tmp_path: Path) -> None:
