@@ -122,29 +122,29 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
 
 def rigid_body(robot: RobotConfig, model: SRB) -> str:
     """A robot's mass and inertia, and what ``srb`` in robot.yaml must be if it is not that of the model."""
-    said = robot.srb
-    if np.allclose((said.mass, *said.inertia), (model.mass, *model.inertia), rtol=SAME):
+    declared = robot.srb
+    if np.allclose((declared.mass, *declared.inertia), (model.mass, *model.inertia), rtol=SAME):
         return f"{model.mass:.4g} kg, {len(robot.joints)} joints, srb as in the model"
     inertia = ", ".join(f"{value:.6f}" for value in model.inertia)
     return f"srb in {robot.path.name} should be {{mass: {model.mass:.6g}, inertia: [{inertia}]}}"
 
 
-def stance(found: Stand) -> str:
+def stance(stand: Stand) -> str:
     """What became of a robot on its servos alone."""
-    if found.unstable:
+    if stand.unstable:
         return "the simulation is unstable"
-    feet = "other bodies than feet touched the ground" if found.body_contact else "on its feet"
-    return f"base at {found.height:.2f} m, tilted {np.degrees(found.tilt):.0f}°, {feet}"
+    feet = "other bodies than feet touched the ground" if stand.body_contact else "on its feet"
+    return f"base at {stand.height:.2f} m, tilted {np.degrees(stand.tilt):.0f}°, {feet}"
 
 
 def _names(terms: dict[str, dict[str, object] | None]) -> str:
-    return ", ".join(name for name, given in terms.items() if given is not None)
+    return ", ".join(name for name, parameters in terms.items() if parameters is not None)
 
 
-def _disturbance_text(name: str, found: Range | PushConfig) -> str:
-    if isinstance(found, PushConfig):
-        return f"{name} {_range_text(found.speed)} m/s every {found.every:g} s"
-    return f"{name} {_range_text(found)}"
+def _disturbance_text(name: str, disturbance: Range | PushConfig) -> str:
+    if isinstance(disturbance, PushConfig):
+        return f"{name} {_range_text(disturbance.speed)} m/s every {disturbance.every:g} s"
+    return f"{name} {_range_text(disturbance)}"
 
 
 def _range_text(range_: Range) -> str:
@@ -192,19 +192,19 @@ def _check(task: TaskConfig, out: str | None, console: Console) -> None:
 def _replay(file: Path, console: Console) -> None:
     """Say what happened in a control step in which a simulation failed."""
     step, task = load_step(file)
-    found, info = replay(step, task), step.info
+    replayed, info = replay(step, task), step.info
     table = Table(title=str(file), title_justify="left", show_header=False)
     place = ", ".join(f"{key.replace('_', ' ')} {info[key]}" for key in PLACE if key in info)
     table.add_row("where", f"task {task.name}, {place}")
     table.add_row("versions", ", ".join(f"{name} {info.get('versions', {}).get(name)}" for name in DECIDING))
-    joint, speed = found.fastest
-    table.add_row("before", f"base at {found.height:.2f} m; the fastest joint is {joint} with {speed:.3g} rad/s")
+    joint, speed = replayed.fastest
+    table.add_row("before", f"base at {replayed.height:.2f} m; the fastest joint is {joint} with {speed:.3g} rad/s")
     table.add_row("action", f"largest {np.abs(step.action).max():.3g}")
-    if found.failed_at is None:
+    if replayed.failed_at is None:
         table.add_row("replayed", "the simulation does not fail here: other versions, or another robot or task file?")
     else:
-        table.add_row("replayed", f"fails in physics step {found.failed_at} of {found.substeps}")
-        for text in found.reasons:
+        table.add_row("replayed", f"fails in physics step {replayed.failed_at} of {replayed.substeps}")
+        for text in replayed.reasons:
             table.add_row("why", text)
     console.print(table)
 

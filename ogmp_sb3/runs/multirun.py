@@ -28,10 +28,10 @@ def read_sweep(path: Path, asked: bool = False) -> list[Run]:
     """
     jobs = [_read_job(folder) for folder in _job_folders(path)]
     wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
-    found = {_identity(job.overrides) for job in jobs}
+    present = {_identity(job.overrides) for job in jobs}
     if asked and wanted:
         jobs = [job for job in jobs if _identity(job.overrides) in wanted]
-    jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in found]
+    jobs += [Run(path / "-", wanted[job], {}, {}, MISSING) for job in wanted if job not in present]
     if not jobs:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
     order = {job: i for i, job in enumerate(wanted)}
@@ -66,11 +66,11 @@ def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
 
 
 def setting(job: Run, key: str) -> Any:
-    """The value of a key of a job's command line; one that was not given is looked up in its ``config.yaml``."""
-    given = [override for override in job.overrides if plain_key(override.partition("=")[0]) == key]
-    if given:
-        short = [override for override in given if "task." not in override.partition("=")[0]]  # it is the one used
-        return OverridesParser.create().parse_override((short or given)[-1]).value()
+    """The value of a key of a job's command line; one that is not there is looked up in its ``config.yaml``."""
+    typed = [override for override in job.overrides if plain_key(override.partition("=")[0]) == key]
+    if typed:
+        short = [override for override in typed if "task." not in override.partition("=")[0]]  # it is the one used
+        return OverridesParser.create().parse_override((short or typed)[-1]).value()
     for part in ("task", "train"):
         node = job.config.get(part)
         for name in key.split("."):
@@ -93,9 +93,9 @@ def _wanted(path: Path) -> list[tuple[str, ...]]:
     if not str(sweeper.get("_target_", "")).endswith(SWEEPERS):
         return []
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
-    given = [*params, *hydra.get("overrides", {}).get("task", [])]
+    overrides = [*params, *hydra.get("overrides", {}).get("task", [])]
     try:
-        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(given), None)
+        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(overrides), None)
     except HydraException:  # glob(*), for one, needs the configuration that was searched
         return []
     return [tuple(job) for job in jobs]

@@ -55,13 +55,13 @@ def checked(arguments: list[str], tasks: Iterable[dict[str, Any]]) -> list[str]:
     """
     # Hydra wants its options before the overrides; people write them anywhere.
     arguments = sorted(map(_with_quotes, arguments), key=lambda a: "=" in a and not a.startswith("-"))
-    found = _options(arguments)
-    multirun = found.multirun or "hydra.mode=MULTIRUN" in arguments
-    overrides = {text: _parsed(text) for text in found.overrides}
+    options = _options(arguments)
+    multirun = options.multirun or "hydra.mode=MULTIRUN" in arguments
+    overrides = {text: _parsed(text) for text in options.overrides}
     _check_spellings(override.key_or_group for override in overrides.values())
     tasks = list(tasks)
     rewritten = {
-        text: _checked(text, override, tasks, multirun, bool(found.config_name or found.config_path))
+        text: _checked(text, override, tasks, multirun, bool(options.config_name or options.config_path))
         for text, override in overrides.items()
     }
     return [rewritten.get(argument, argument) for argument in arguments]
@@ -128,7 +128,7 @@ def _options(arguments: list[str]) -> Any:
     complaint = io.StringIO()
     try:
         with redirect_stderr(complaint):
-            found, rest = get_args_parser().parse_known_args(arguments)
+            options, rest = get_args_parser().parse_known_args(arguments)
     except SystemExit as stop:
         if not stop.code:  # --version
             raise
@@ -136,8 +136,8 @@ def _options(arguments: list[str]) -> Any:
     unknown = [argument for argument in rest if argument.startswith("-")]
     if unknown:
         raise ValueError(f"unknown option {unknown[0]!r} (see ogmp-train --help).")
-    found.overrides += rest
-    return found
+    options.overrides += rest
+    return options
 
 
 def _parsed(text: str) -> Override:

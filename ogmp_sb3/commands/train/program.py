@@ -76,10 +76,10 @@ def _failed(run_dir: Path, error: Exception) -> float:
 
 def _resume(arguments: list[str]) -> None:
     """``ogmp-train resume=<run dir> [total_timesteps=...]``: everything else is as it was."""
-    given = dict(argument.partition("=")[::2] for argument in arguments)
-    run_dir = Path(given.pop("resume"))
+    changes = dict(argument.partition("=")[::2] for argument in arguments)
+    run_dir = Path(changes.pop("resume"))
     data = run_config(run_dir)
-    for key, value in given.items():
+    for key, value in changes.items():
         if key not in RESUMABLE:
             raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
         data["train"][key] = read_value(value)

@@ -99,10 +99,10 @@ class HalvingSweeper(Sweeper):
         :param arguments: the command line without what is Hydra's own
         :raises ValueError: if there are no values to compare, or not plain ones
         """
-        given = OverridesParser.create().parse_overrides(arguments)
-        typed = {plain_key(override.key_or_group) for override in given}
+        command_line = OverridesParser.create().parse_overrides(arguments)
+        typed = {plain_key(override.key_or_group) for override in command_line}
         params = [f"{key}={value}" for key, value in self.params.items() if plain_key(key) not in typed]
-        overrides = [*OverridesParser.create().parse_overrides(params), *given]
+        overrides = [*OverridesParser.create().parse_overrides(params), *command_line]
         self._check(overrides)
         total = self._total(overrides)
         grid = self._grid(overrides)
@@ -146,8 +146,8 @@ class HalvingSweeper(Sweeper):
 
     def _total(self, overrides: Sequence[Override]) -> int:
         """Samples of a job of the last round."""
-        given = [override for override in overrides if override.key_or_group == BUDGET]
-        value = given[-1].get_value_string() if given and given[-1].is_sweep_override() else self.config[BUDGET]
+        totals = [override for override in overrides if override.key_or_group == BUDGET]
+        value = totals[-1].get_value_string() if totals and totals[-1].is_sweep_override() else self.config[BUDGET]
         return int(read(int, value, Where("ogmp-train", BUDGET)))
 
     def _train(self, grid: list[tuple[str, list[str]]], samples: int) -> dict[str, list[Run]]:

@@ -29,10 +29,10 @@ def register_tasks(arguments: list[str]) -> tuple[list[str], list[str]]:
     by_path, names = set[str](), list[str]()
     for argument in arguments:
         if argument.startswith("task="):
-            given = _split(argument.removeprefix("task="))
-            names = [_name(text) for text in given]
-            _check_different(names, given)
-            by_path.update(_store(Path(text)) for text in given if text.endswith(SUFFIXES))
+            texts = _split(argument.removeprefix("task="))
+            names = [_name(text) for text in texts]
+            _check_different(names, texts)
+            by_path.update(_store(Path(text)) for text in texts if text.endswith(SUFFIXES))
             argument = f"task={','.join(_as_hydra_reads(name) if name in by_path else name for name in names)}"
         rewritten.append(argument)
     _register_by_name(set(names), by_path, arguments)
@@ -64,12 +64,12 @@ def _as_hydra_reads(name: str) -> str:
     return name if override is not None and override.value() == name else quoted(name)
 
 
-def _check_different(names: list[str], given: list[str]) -> None:
+def _check_different(names: list[str], texts: list[str]) -> None:
     """:raises ValueError: if two tasks have one name, which Hydra tells tasks apart by."""
     for i, name in enumerate(names):
         first = names.index(name)
-        if given[first] != given[i]:
-            raise ValueError(f"'{given[first]}' and '{given[i]}' are both called '{name}': rename one of the files.")
+        if texts[first] != texts[i]:
+            raise ValueError(f"'{texts[first]}' and '{texts[i]}' are both called '{name}': rename one of the files.")
 
 
 def _store(path: Path) -> str:
