@@ -73,9 +73,7 @@ def test_tidying_leaves_what_is_not_of_its_names(tmp_path: Path) -> None:
 
 
 def test_two_processes_cannot_write_in_one_directory_and_a_lock_goes_with_its_process(tmp_path: Path) -> None:
-    code = (
-        "import sys; from ogmp_sb3.runs.atomic import locked\nwith locked(__import__('pathlib').Path(sys.argv[1])): "
-    )
+    code = "import sys; from ogmp_sb3.runs.atomic import locked\nwith locked(__import__('pathlib').Path(sys.argv[1])): "
     holder = [sys.executable, "-c", code + "print('has it', flush=True); sys.stdin.read()", str(tmp_path)]
     with subprocess.Popen(holder, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
