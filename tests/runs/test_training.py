@@ -84,8 +84,10 @@ def test_every_ready_sweep_composes(name: str, tmp_path: Path, monkeypatch: pyte
     jobs: list[Job] = []
 
     def begin(job: Job) -> float:
-        """A training costs more than what is tested."""
-        BatchEnv(job.task)
+        """A training costs more than what is tested, and so do environments that differ in rho alone."""
+        known = {json.dumps({**other.task_data, "rho": None}, sort_keys=True) for other in jobs}
+        if json.dumps({**job.task_data, "rho": None}, sort_keys=True) not in known:
+            BatchEnv(job.task)
         jobs.append(job)
         return 0.0
 

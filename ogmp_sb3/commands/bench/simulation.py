@@ -28,7 +28,7 @@ def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numb
     """``OgmpVecEnv.step`` against bare physics, against SB3's own vectorisation, and by size.
 
     :param num_envs: of the comparison with bare physics
-    :param steps: control steps of one repeat
+    :param steps: control steps of one repeat; every size takes about as many samples
     """
     recording = record(task, num_envs, steps)
     whole, bare = [], []
@@ -47,7 +47,7 @@ def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numb
         seconds = _time_stock(kind, task, number, max(steps // 4, 10))
         numbers[f"{name}_steps_per_second"] = number * max(steps // 4, 10) / seconds
     for number in (1, 16, 64, 256, 1024):
-        numbers[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, 6400 // number), 0)
+        numbers[f"steps_per_second_{number}_envs"] = _throughput(task, number, max(10, num_envs * steps // number), 0)
     for threads in range(1, cores + 1):
         numbers[f"steps_per_second_{threads}_threads"] = _throughput(task, num_envs, steps, threads)
     return numbers

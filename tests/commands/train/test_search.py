@@ -164,12 +164,14 @@ def test_a_search_is_over_the_key_as_it_was_typed_in_a_directory_of_its_task() -
 
 def test_a_search_on_a_launcher_goes_on_where_the_one_before_stopped(tmp_path: Path) -> None:
     arguments = ["-m", "hydra/sweeper=halving", "hydra.sweeper.rounds=2", "hydra.sweeper.episodes=2", "task=dive"]
-    arguments += ["rho=0.1,0.4", *SMALL, "hydra/launcher=joblib", "evaluation.episode_steps=10"]
-    for total in (256, 512):
-        words = [*arguments, f"total_timesteps={total}", "hydra.sweep.dir=search"]
-        command = [sys.executable, "-m", "ogmp_sb3.commands.train.program", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert "Best: rho=" in done.stdout and done.stdout.count("dropped") == 1
+    arguments += ["rho=0.1,0.4", *SMALL, "evaluation.episode_steps=10", "hydra.sweep.dir=search"]
+    command = [sys.executable, "-m", "ogmp_sb3.commands.train.program", *arguments, "hydra/launcher=joblib"]
+    apart = subprocess.run([*command, "total_timesteps=256"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert apart.returncode == 0, apart.stderr
+    longer = program("train", *arguments, "hydra/launcher=basic", "total_timesteps=512", cwd=tmp_path)
+    assert longer.returncode == 0, longer.stderr
+    assert "resumed at step 256" in longer.stdout
+    for printed in (apart.stdout, longer.stdout):
+        assert "Best: rho=" in printed and printed.count("dropped") == 1
     assert len(list((tmp_path / "search").glob("*/config.yaml"))) == 2
     assert len(read_sweep(tmp_path / "search")) == 2
