@@ -13,16 +13,6 @@ from ogmp_sb3.guidance import latent
 PARKOUR = load_task("parkour")
 
 
-@pytest.fixture(scope="module")
-def data() -> encoder.ReferenceData:
-    return encoder.reference_data(PARKOUR, per_mode=30, seed=0)
-
-
-@pytest.fixture(scope="module")
-def model(data) -> encoder.AutoEncoder:
-    return encoder.fit(data, updates=150, seed=0)
-
-
 def test_data_are_balanced_over_modes_and_stay_in_their_ranges(data) -> None:
     names = [call.name for call in data.calls]
     assert {name: names.count(name) for name in names} == {"pace": 30, "jump": 30, "leap": 30}

@@ -16,16 +16,6 @@ from ogmp_sb3.guidance import latent
 PARKOUR = load_task("parkour")
 
 
-@pytest.fixture(scope="module")
-def data() -> encoder.ReferenceData:
-    return encoder.reference_data(PARKOUR, per_mode=30, seed=0)
-
-
-@pytest.fixture(scope="module")
-def model(data) -> encoder.AutoEncoder:
-    return encoder.fit(data, updates=150, seed=0)
-
-
 def test_features_are_thirteen_with_x_from_the_start() -> None:
     state = np.random.default_rng(0).normal(size=(2, 5, 12))
     features = latent.reference_features(state)
