@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ogmp_sb3.config.messages import describe
 
+Answer = TypeVar("Answer")
+
 
 class FunctionFailed(ValueError):
     """A registered function has raised an exception."""
+
+
+def call(title: str, function: Callable[..., Answer], /, *arguments: Any, **parameters: Any) -> Answer:
+    """Call a registered function.
+
+    :param title: the function, e.g. ``"reward 'calm'"``
+    :raises FunctionFailed: if it raises an exception, as :func:`told_in_name` has it
+    """
+    try:
+        return function(*arguments, **parameters)
+    except Exception as error:
+        raise told_in_name(title, error) from error
 
 
 def told_in_name(title: str, error: Exception) -> Exception:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config.answers import answer_text, check_array, check_finite, told_in_name
+from ogmp_sb3.config.answers import answer_text, call, check_array, check_finite
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.task import Terms
 from ogmp_sb3.env.observations import Signal
@@ -38,10 +38,7 @@ class Term:
         :raises TypeError: if its first answer is of the wrong type
         :raises ValueError: if that has the wrong shape, or is not finite although the simulation is
         """
-        try:
-            answer = self._function(view)
-        except Exception as error:
-            raise told_in_name(self._title, error) from error
+        answer = call(self._title, self._function, view)
         if not self._checked and len(view.state):
             self._check(self._title, answer, view)
             self._checked = True

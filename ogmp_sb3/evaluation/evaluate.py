@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.answers import answer_text, told_in_name
+from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
@@ -147,10 +147,7 @@ def _values(functions: registry.Registry[Any], name: str, records: list[EpisodeR
     """
     function, title = functions.get(name), f"{functions.kind} '{name}'"
     for record in records:
-        try:
-            value = function(record)
-        except Exception as error:
-            raise told_in_name(title, error) from error
+        value = call(title, function, record)
         if not isinstance(value, bool | int | float | np.number | np.bool_):
             raise TypeError(f"what {title} returns must be a number, or true or false; it is {answer_text(value)}.")
         yield value  # type: ignore[misc]

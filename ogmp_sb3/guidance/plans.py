@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.answers import answer_text, check_array, check_finite, told_in_name
+from ogmp_sb3.config.answers import answer_text, call, check_array, check_finite
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.course import Course
@@ -39,10 +39,7 @@ class CheckedOracle:
         :raises TypeError: if its first answer is of the wrong type
         :raises ValueError: if that has the wrong shape, or is not finite although the states are
         """
-        try:
-            answer = self._function(points, x0)
-        except Exception as error:
-            raise told_in_name(self._title, error) from error
+        answer = call(self._title, self._function, points, x0)
         if not self._checked:
             self._check(answer, points, x0)
             self._checked = True

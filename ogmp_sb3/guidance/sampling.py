@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config.answers import answer_text, told_in_name
+from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import modes
 from ogmp_sb3.config.task import TaskConfig
@@ -34,11 +34,7 @@ class ModeCall:
         :raises FunctionFailed: if the mode's function raises an exception
         :raises TypeError: if it returns anything but a Segment
         """
-        function = modes.get(self.name)
-        try:
-            segment = function(**self.parameters)
-        except Exception as error:
-            raise told_in_name(f"mode '{self.name}'", error) from error
+        segment: Any = call(f"mode '{self.name}'", modes.get(self.name), **self.parameters)
         if not isinstance(segment, Segment):
             raise TypeError(f"what mode '{self.name}' returns must be a Segment; it is {answer_text(segment)}.")
         return segment

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ogmp_sb3.config.answers import FunctionFailed, answer_text, check_array, check_finite, told_in_name
+from ogmp_sb3.config.answers import FunctionFailed, answer_text, call, check_array, check_finite, told_in_name
 
 
 def caught(error: Exception) -> Exception:
@@ -50,3 +50,7 @@ def test_only_sound_rows_must_be_finite() -> None:
     check_finite("it", values, np.array([True, False]))
     with pytest.raises(ValueError, match=r"^it must be finite; it holds nan"):
         check_finite("it", values, np.array([False, True]))
+
+
+def test_a_function_is_called_with_parameters_of_any_name() -> None:
+    assert call("mode 'hop'", lambda title, function: title + function, title=1.0, function=2.0) == 3.0
