@@ -69,7 +69,7 @@ class BatchEnv:
         self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
-        self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.physics_dt, task.substeps)
+        self.disturbances = Disturbances(task.randomisation, num_envs, self.action_size, task.physics_dt, task.substeps)
 
         self.step_count = np.zeros(num_envs, dtype=int)
         self._every = np.arange(num_envs)

@@ -18,6 +18,7 @@ from ogmp_sb3.env.events import Events, no_events
 
 NOISY = ("proprioception",)  # observation terms that sensors measure
 NO_KICKS = no_events(2)
+NOT_SENT = np.inf  # no target is
 
 
 class Disturbances:
@@ -27,23 +28,22 @@ class Disturbances:
 
     :param config: the disturbances in use; None for none
     :param num_envs: number of environments
-    :param nominal: joint targets before the first action, shape (joints,), rad
+    :param joints: number of joint targets
     :param physics_dt: physics step, s; times are rounded to it
     :param substeps: physics steps of a control step
     """
 
     def __init__(
-        self, config: RandomisationConfig | None, num_envs: int, nominal: np.ndarray, physics_dt: float, substeps: int
+        self, config: RandomisationConfig | None, num_envs: int, joints: int, physics_dt: float, substeps: int
     ) -> None:
         self._physics_dt, self._substeps = physics_dt, substeps
         self.config = config = config or RandomisationConfig()
         self._rng = [np.random.default_rng() for _ in range(num_envs)]
         self._ranges = {name: value for name, value in vars(config).items() if isinstance(value, Range)}
         self._arrays = {name: np.zeros(num_envs) for name in self._ranges}
-        self._nominal = nominal
         if config.latency is not None:
-            shape = (num_envs, int(self._physics_steps(config.latency.high)) // substeps + 1, len(nominal))
-            self._arrays["targets"] = np.broadcast_to(nominal, shape).copy()  # newest first
+            shape = (num_envs, int(self._physics_steps(config.latency.high)) // substeps + 1, joints)
+            self._arrays["targets"] = np.full(shape, NOT_SENT)  # newest first
         if config.push is not None:
             self._push_steps = int(self._physics_steps(config.push.every))
             self._arrays["first_push"] = np.zeros(num_envs)  # physics steps from the start of an episode
@@ -62,7 +62,7 @@ class Disturbances:
             if self.config.push is not None:
                 arrays["first_push"][row] = rng.integers(self._push_steps)
         if self.config.latency is not None:
-            arrays["targets"][rows] = self._nominal
+            arrays["targets"][rows] = NOT_SENT
         return self.robots(rows)
 
     def robots(self, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -70,7 +70,7 @@ class Disturbances:
         return {name: self._arrays[name][rows] for name in ("mass", "friction", "gains") if name in self._arrays}
 
     def arrivals(self, targets: np.ndarray, rows: np.ndarray | None) -> Events:
-        """The joint targets that reach the servos in this control step, rad.
+        """The joint targets that reach the servos in this control step, rad; they keep those that they have until then.
 
         :param targets: what is sent at its start, shape (num_envs, joints), rad
         :param rows: environments that are stepped, or None for all
@@ -83,7 +83,9 @@ class Disturbances:
         sent[:, 0] = targets
         rows = every if rows is None else rows
         steps_ago, at = np.divmod(self._physics_steps(self._arrays["latency"][rows]), self._substeps)
-        return Events(at, rows, sent[rows, steps_ago])
+        arriving = sent[rows, steps_ago]
+        real = arriving[:, 0] != NOT_SENT
+        return Events(at[real], rows[real], arriving[real])
 
     def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> Events:
         """Pushes of this control step: changes of horizontal velocities, m/s.

@@ -44,7 +44,7 @@ def task(name: str = "parkour", **randomisation: Any) -> TaskConfig:
 
 def drawn(rows: int = 400, **randomisation: Any) -> Disturbances:
     """Disturbances that have begun."""
-    disturbances = Disturbances(task(**randomisation).randomisation, rows, np.zeros(10), 0.002, 15)
+    disturbances = Disturbances(task(**randomisation).randomisation, rows, 10, 0.002, 15)
     for row in range(rows):
         disturbances.seed_row(row, np.random.default_rng(row))
     disturbances.begin(np.arange(rows))
@@ -273,6 +273,21 @@ def test_rows_of_different_latency_stepped_alone_move_as_they_do_together() -> N
         together.step(command)
         apart.step(command, rows)
         np.testing.assert_array_equal(apart.sim.qpos[rows], together.sim.qpos[rows])
+
+
+def test_the_servos_keep_their_targets_until_the_first_action_arrives() -> None:
+    env = BatchEnv(task(latency=0.04), 1, SEED, threads=1)
+    env.reset()
+    env.sim.ctrl[:] = 0.3
+    for expected in (0.3, 1.0):
+        env.step(np.full((1, 10), 0.5))
+        np.testing.assert_array_equal(env.sim.ctrl, expected)
+
+
+def test_an_action_that_is_not_a_number_arrives_too_and_is_noticed() -> None:
+    env = BatchEnv(task(latency=0.016), 1, SEED, threads=1)
+    env.reset()
+    assert env.step(np.full((1, 10), np.nan)).termination.tolist() == ["unstable"]
 
 
 def test_a_new_episode_forgets_what_was_under_way() -> None:
