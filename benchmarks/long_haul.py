@@ -29,7 +29,7 @@ DISTURBED = {
     "mass": [0.8, 1.2],
     "friction": [0.5, 1.2],
     "gains": [0.8, 1.2],
-    "latency": [0, 2],
+    "latency": [0, 0.06],
     "sensor_noise": 0.1,
     "push": {"every": 1.0, "speed": [0.0, 0.3]},
 }

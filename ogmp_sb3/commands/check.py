@@ -144,7 +144,7 @@ def _names(terms: dict[str, dict[str, object] | None]) -> str:
 def _disturbance_text(name: str, disturbance: Range | PushConfig) -> str:
     if isinstance(disturbance, PushConfig):
         return f"{name} {_range_text(disturbance.speed)} m/s every {disturbance.every:g} s"
-    return f"{name} {_range_text(disturbance)}"
+    return f"{name} {_range_text(disturbance)}{' s' if name == 'latency' else ''}"
 
 
 def _range_text(range_: Range) -> str:

@@ -214,6 +214,12 @@ class TaskConfig:
         noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
         if noise and self.observations.get("proprioception") is None:
             raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
+        for key, randomisation in (
+            ("randomisation", self.randomisation),
+            ("evaluation.randomisation", self.evaluation.randomisation),
+        ):
+            if randomisation is not None:
+                randomisation.check_times(key, self.control_dt, self.physics_dt)
         not_negative("bound", self.bound)
         if not any(self.bound.values()):
             raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")

@@ -9,7 +9,7 @@ import numpy as np
 from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.strict import not_negative, positive
 
-MAX_LATENCY = 100  # control steps; more is a slip of the pen
+MAX_LATENCY = 0.5  # s; more is a slip of the pen, or a number of control steps
 REMEMBER_EVERY = 5  # control steps between two moments that are remembered
 LONGEST_BEFORE = 1_000  # control steps before a fall; more is a slip of the pen
 MOST_WAITING = 6  # moments that wait to be begun from, of each environment
@@ -66,7 +66,7 @@ class PushConfig:
     """Kicks: the base's velocity changes at once, in a random horizontal direction."""
 
     every: float = 2.0
-    """time between kicks, s; the first comes at a random time within it"""
+    """time between kicks, s, rounded to physics steps; the first comes at a random time within it"""
     speed: Range
     """change of velocity, drawn for every kick, m/s"""
 
@@ -86,7 +86,7 @@ class RandomisationConfig:
     gains: Range | None = None
     """factor on kp and kd of all servos together"""
     latency: Range | None = None
-    """how long an action is held back, whole control steps"""
+    """how long after its control step begins an action reaches the servos, s, rounded to physics steps"""
     sensor_noise: Range | None = None
     """standard deviation of white noise on the observation ``proprioception``, in its scales"""
     push: PushConfig | None = None
@@ -97,10 +97,21 @@ class RandomisationConfig:
             _at_least(name, getattr(self, name), 0.0, above=True)
         for name in ("latency", "sensor_noise"):
             _at_least(name, getattr(self, name), 0.0)
-        if self.latency is not None:
-            for steps in (self.latency.low, self.latency.high):
-                if steps != round(steps) or steps > MAX_LATENCY:
-                    raise ValueError(f"'latency' must be whole control steps up to {MAX_LATENCY}, found {steps:g}.")
+
+    def check_times(self, key: str, control_dt: float, physics_dt: float) -> None:
+        """Check what is in seconds against the steps of a task.
+
+        :param key: of the disturbances in the task file
+        :param control_dt: s
+        :param physics_dt: s
+        :raises ValueError: if a time is too long, or too short to be simulated
+        """
+        if self.latency is not None and self.latency.high > MAX_LATENCY:
+            limit, step = f"from 0 to {MAX_LATENCY:g} s", f"a control step of this task is {control_dt:g} s"
+            raise ValueError(f"'{key}.latency' is in seconds, {limit}, found {self.latency.high:g}: {step}.")
+        if self.push is not None and self.push.every < physics_dt:
+            limit = f"at least a physics step, {physics_dt:g} s"
+            raise ValueError(f"'{key}.push.every' must be {limit}, found {self.push.every:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)

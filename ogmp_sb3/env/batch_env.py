@@ -69,7 +69,7 @@ class BatchEnv:
         self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
-        self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
+        self.disturbances = Disturbances(task.randomisation, num_envs, self.action_size, task.physics_dt, task.substeps)
 
         self.step_count = np.zeros(num_envs, dtype=int)
         self._every = np.arange(num_envs)
@@ -178,7 +178,7 @@ class BatchEnv:
 
     def _moment_arrays(self) -> list[np.ndarray]:
         """What an environment is put back to."""
-        return [*self.guide.arrays().values(), self.sim.mj.state]
+        return [*self.guide.arrays().values(), *self.disturbances.under_way(), self.sim.mj.state]
 
     def step(self, actions: np.ndarray, rows: np.ndarray | None = None) -> StepResult:
         """Advance one control step.
@@ -308,9 +308,8 @@ class BatchEnv:
         :param targets: joint positions, shape (num_envs, joints), rad
         :param rows: these only, or None for all
         """
-        self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
-        self.sim.push(*self.disturbances.kicks(self.step_count, rows))
-        self.sim.step(rows, self.task.substeps)
+        arrivals, kicks = self.disturbances.arrivals(targets, rows), self.disturbances.kicks(self.step_count, rows)
+        self.sim.step(rows, self.task.substeps, arrivals, kicks)
 
     def _signals(self, view: EnvView, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Values and scales of the observation, as the sensors of some environments (by default all) give it."""

@@ -14,9 +14,11 @@ import numpy as np
 
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.variation import RandomisationConfig
+from ogmp_sb3.env.events import Events, no_events
 
 NOISY = ("proprioception",)  # observation terms that sensors measure
-NONE_DUE = (np.zeros(0, dtype=int), np.zeros((0, 2)))
+NO_KICKS = no_events(2)
+NOT_SENT = np.inf  # no target is
 
 
 class Disturbances:
@@ -26,24 +28,25 @@ class Disturbances:
 
     :param config: the disturbances in use; None for none
     :param num_envs: number of environments
-    :param nominal: joint targets before the first action, shape (joints,), rad
-    :param control_dt: control step, s
+    :param joints: number of joint targets
+    :param physics_dt: physics step, s; times are rounded to it
+    :param substeps: physics steps of a control step
     """
 
     def __init__(
-        self, config: RandomisationConfig | None, num_envs: int, nominal: np.ndarray, control_dt: float
+        self, config: RandomisationConfig | None, num_envs: int, joints: int, physics_dt: float, substeps: int
     ) -> None:
+        self._physics_dt, self._substeps = physics_dt, substeps
         self.config = config = config or RandomisationConfig()
         self._rng = [np.random.default_rng() for _ in range(num_envs)]
         self._ranges = {name: value for name, value in vars(config).items() if isinstance(value, Range)}
         self._arrays = {name: np.zeros(num_envs) for name in self._ranges}
-        self._nominal = nominal
         if config.latency is not None:
-            shape = (num_envs, int(config.latency.high) + 1, len(nominal))
-            self._arrays["targets"] = np.broadcast_to(nominal, shape).copy()  # newest first
+            shape = (num_envs, int(self._physics_steps(config.latency.high)) // substeps + 1, joints)
+            self._arrays["targets"] = np.full(shape, NOT_SENT)  # newest first
         if config.push is not None:
-            self._push_steps = max(round(config.push.every / control_dt), 1)
-            self._arrays["first_push"] = np.zeros(num_envs)
+            self._push_steps = int(self._physics_steps(config.push.every))
+            self._arrays["first_push"] = np.zeros(num_envs)  # physics steps from the start of an episode
 
     def seed_row(self, row: int, rng: np.random.Generator) -> None:
         """Give an environment a generator spawned from its own one."""
@@ -55,48 +58,68 @@ class Disturbances:
         for row in rows:
             rng = self._rng[row]
             for name, range_ in self._ranges.items():
-                if name == "latency":
-                    arrays[name][row] = rng.integers(int(range_.low), int(range_.high), endpoint=True)
-                else:
-                    arrays[name][row] = rng.uniform(range_.low, range_.high)
+                arrays[name][row] = rng.uniform(range_.low, range_.high)
             if self.config.push is not None:
                 arrays["first_push"][row] = rng.integers(self._push_steps)
         if self.config.latency is not None:
-            arrays["targets"][rows] = self._nominal
+            arrays["targets"][rows] = NOT_SENT
         return self.robots(rows)
 
     def robots(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """What :meth:`~ogmp_sb3.env.simulation.Simulation.vary` is to change in some environments."""
         return {name: self._arrays[name][rows] for name in ("mass", "friction", "gains") if name in self._arrays}
 
-    def delayed(self, targets: np.ndarray) -> np.ndarray:
-        """The joint targets that reach the servos now, shape (num_envs, joints)."""
-        if self.config.latency is None:
-            return targets
-        held = self._arrays["targets"]
-        held[:, 1:] = held[:, :-1].copy()
-        held[:, 0] = targets
-        due: np.ndarray = held[np.arange(len(held)), self._arrays["latency"].astype(int)]
-        return due
+    def arrivals(self, targets: np.ndarray, rows: np.ndarray | None) -> Events:
+        """The joint targets that reach the servos in this control step, rad; they keep those that they have until then.
 
-    def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Pushes of this control step.
+        :param targets: what is sent at its start, shape (num_envs, joints), rad
+        :param rows: environments that are stepped, or None for all
+        """
+        every = np.arange(len(targets))
+        if self.config.latency is None:
+            return Events(np.zeros_like(every), every, targets)
+        sent = self._arrays["targets"]
+        sent[:, 1:] = sent[:, :-1].copy()
+        sent[:, 0] = targets
+        rows = every if rows is None else rows
+        steps_ago, at = np.divmod(self._physics_steps(self._arrays["latency"][rows]), self._substeps)
+        arriving = sent[rows, steps_ago]
+        real = arriving[:, 0] != NOT_SENT
+        return Events(at[real], rows[real], arriving[real])
+
+    def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> Events:
+        """Pushes of this control step: changes of horizontal velocities, m/s.
 
         :param step_count: control steps of the episodes so far, shape (num_envs,), int
         :param rows: environments that are stepped, or None for all
-        :return: environments, shape (n,), int, and changes of their horizontal velocity, shape (n, 2), m/s
         """
         push = self.config.push
         if push is None:
-            return NONE_DUE
+            return NO_KICKS
         rows = np.arange(len(step_count)) if rows is None else rows
-        due = rows[(step_count[rows] - self._arrays["first_push"][rows]) % self._push_steps == 0]
-        kicks = np.zeros((len(due), 2))
-        for i, row in enumerate(due):
-            angle = self._rng[row].uniform(0.0, 2.0 * np.pi)
-            speed = self._rng[row].uniform(push.speed.low, push.speed.high)
-            kicks[i] = speed * np.cos(angle), speed * np.sin(angle)
-        return due, kicks
+        first = self._arrays["first_push"][rows].astype(int)
+        next_at = (first - step_count[rows] * self._substeps) % self._push_steps
+        kicks = [
+            (at, rows[i], self._kick(rows[i], push.speed))
+            for i in np.flatnonzero(next_at < self._substeps)
+            for at in range(next_at[i], self._substeps, self._push_steps)
+        ]
+        if not kicks:
+            return NO_KICKS
+        return Events(*map(np.array, zip(*kicks, strict=True)))
+
+    def _kick(self, row: int, speeds: Range) -> tuple[float, float]:
+        """A change of velocity in a random direction, m/s."""
+        angle = self._rng[row].uniform(0.0, 2.0 * np.pi)
+        speed = self._rng[row].uniform(speeds.low, speeds.high)
+        return speed * np.cos(angle), speed * np.sin(angle)
+
+    def under_way(self) -> list[np.ndarray]:
+        """The arrays of the targets that were sent and the latencies after which they arrive."""
+        return [self._arrays[name] for name in ("latency", "targets") if name in self._arrays]
+
+    def _physics_steps(self, seconds: Any) -> Any:
+        return np.rint(np.asarray(seconds) / self._physics_dt).astype(int)
 
     def measured(self, name: str, value: np.ndarray, scale: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
         """An observation term with sensor noise.

@@ -1,7 +1,8 @@
 """Control steps in which a simulation failed: captured as they began, and replayed to see why.
 
-A file holds arrays and plain data as safetensors: the state before the step, the action, the terrain, the robot as it
-was varied, the task, and where all this comes from. Physics are deterministic, so the step fails again.
+A file holds arrays and plain data as safetensors: the state before the step, the action, what reached the robot on the
+way, the terrain, the robot as it was varied, the task, and where all this comes from. Physics are deterministic, so the
+step fails again.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.events import Events
 from ogmp_sb3.env.simulation import Simulation
 
 REASONS = {
@@ -36,6 +38,10 @@ class UnstableStep:
     """shape (boxes, 5)"""
     action: np.ndarray
     """as the policy gave it, shape (joints,)"""
+    targets: Events
+    """joint targets that reached the servos after the first physics step, rad"""
+    kicks: Events
+    """changes of the base's horizontal velocity after the first physics step, m/s"""
     varied: dict[str, float]
     """mass, friction and gains of the robot, as :meth:`~ogmp_sb3.env.simulation.Simulation.vary` takes them"""
     info: dict[str, Any]
@@ -63,10 +69,13 @@ def capture(env: BatchEnv, row: int, action: np.ndarray) -> UnstableStep:
 
     :param action: shape (joints,)
     """
+    targets, kicks = env.sim.events
     return UnstableStep(
         state=env.sim.before[row].copy(),
         terrain=env.terrain[row].copy(),
         action=np.array(action, dtype=float),
+        targets=targets.later(row),
+        kicks=kicks.later(row),
         varied={name: float(value[0]) for name, value in env.disturbances.robots(np.array([row])).items()},
         info={
             "environment": row,
@@ -88,6 +97,8 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
         ("state", step.state, sim.mj.state[0].shape),
         ("terrain", step.terrain, (task.track.boxes, 5)),
         ("action", step.action, (len(joints),)),
+        ("targets", step.targets.values, (len(step.targets.at), len(joints))),
+        ("kicks", step.kicks.values, (len(step.kicks.at), 2)),
     ):
         if array.shape != shape:
             raise ValueError(f"'{name}' has the shape {array.shape}; the task's robot and track need {shape}.")
@@ -100,7 +111,7 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     height = float(sim.qpos[0, sim.base_qpos + 2])
     failed_at, reasons = None, []
     for substep in range(1, task.substeps + 1):
-        sim.step(None, 1)
+        sim.step(None, 1, step.targets.at_once(substep - 1), step.kicks.at_once(substep - 1))
         if sim.unstable()[0]:
             failed_at, reasons = substep, _reasons(sim)
             break

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from ogmp_sb3.config.robot import RobotConfig
+from ogmp_sb3.env.events import NOTHING, Events
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.guidance.terrain import geom_boxes
 
@@ -60,6 +63,8 @@ class Simulation:
         self._failed = np.zeros(num_envs, dtype=bool)  # MuJoCo gave up in the last step
         self.before = self.mj.state.copy()
         """states, with their controls, as they were before the last step, shape (num_envs, size)"""
+        self.events = NOTHING, NOTHING
+        """joint targets and kicks of the last step, as :meth:`step` took them"""
 
     def _contact_addresses(self, robot: RobotConfig) -> np.ndarray:
         """Addresses of the contact sensors of all bodies but the feet."""
@@ -140,21 +145,42 @@ class Simulation:
         self._warnings_seen[rows] = self._warning_counts()[rows]
         self._failed[rows] = False
 
-    def step(self, rows: np.ndarray | None, substeps: int) -> None:
-        """Advance simulations by physics steps.
+    def step(self, rows: np.ndarray | None, substeps: int, targets: Events = NOTHING, kicks: Events = NOTHING) -> None:
+        """Advance simulations by physics steps, in one call from each event to the next.
 
         :param rows: which, or None for all
         :param substeps: physics steps
+        :param targets: joint targets that reach the servos, rad
+        :param kicks: changes of the base's horizontal velocity, world frame, m/s
         """
+        self.events = targets, kicks
+        self._receive(0)
         np.copyto(self.before, self.mj.state)
         logging = mujoco.MjLogConfig.get()
         _QUIET.set()
         try:
+            for begin, end in pairwise(sorted({0, *targets.at.tolist(), *kicks.at.tolist(), substeps})):
+                if begin > 0:
+                    self._receive(begin)
+                self._run(rows, end - begin)
+        finally:
+            logging.set()
+
+    def _receive(self, at: int) -> None:
+        """Let the events of a physics step happen."""
+        targets, kicks = self.events
+        rows, values = targets.due(at)
+        if len(rows):
+            self.ctrl[rows[:, None], self.actuators] = values
+        rows, values = kicks.due(at)
+        if len(rows):
+            self.push(rows, values)
+
+    def _run(self, rows: np.ndarray | None, substeps: int) -> None:
+        try:
             self.mj.step(rows, substeps)
         except SimulationError as error:
             self._failed[error.ids] = True
-        finally:
-            logging.set()
 
     def torque(self, rows: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """PD torque before the limits, shape (n, joints), N m.

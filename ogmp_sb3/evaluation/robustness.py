@@ -18,12 +18,13 @@ from ogmp_sb3.evaluation.metrics import no_fall_fraction
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
+LATENCY_SIZES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5)  # finer: a few milliseconds decide
 LEAST = 0.05  # of factors and of friction
 DEFAULT = RandomisationConfig(
     mass=Range(0.9, 1.1),
     friction=Range(0.5, 1.2),
     gains=Range(0.9, 1.1),
-    latency=Range(0.0, 1.0),
+    latency=Range(0.0, 0.02),
     sensor_noise=Range(0.0, 0.1),
     push=PushConfig(speed=Range(0.0, 0.3)),
 )
@@ -46,14 +47,17 @@ class Disturbance:
     """whether the range is the task's"""
     push_every: float
     """time between pushes, s"""
+    physics_dt: float
+    """physics step, to which latency is rounded, s"""
 
     @property
     def values(self) -> np.ndarray:
         """Every size, towards both ends of the range; ascending."""
         reach = np.array([min(self.range.low - self.none, 0.0), max(self.range.high - self.none, 0.0)])
-        values = self.none + np.outer(SIZES, reach).ravel()
         if self.name == "latency":
-            return np.unique(np.minimum(values, MAX_LATENCY).round())
+            steps = np.rint(np.outer(LATENCY_SIZES, reach) / self.physics_dt)
+            return np.unique(np.minimum(steps * self.physics_dt, MAX_LATENCY).round(9))
+        values = self.none + np.outer(SIZES, reach).ravel()
         return np.unique(np.maximum(values, min(LEAST, self.none)).round(4))
 
     def randomisation(self, value: float) -> RandomisationConfig:
@@ -76,7 +80,7 @@ def task_disturbances(task: TaskConfig) -> list[Disturbance]:
         ("mass", "factor on mass", 1.0),
         ("friction", "friction coefficient", _friction(task)),
         ("gains", "factor on kp and kd", 1.0),
-        ("latency", "latency (control steps)", 0.0),
+        ("latency", "latency (s)", 0.0),
         ("sensor_noise", "sensor noise (scales)", 0.0),
         ("push", f"push (m/s, every {every:g} s)", 0.0),
     ):
@@ -85,7 +89,7 @@ def task_disturbances(task: TaskConfig) -> list[Disturbance]:
         own = getattr(declared, name)
         values = own or getattr(DEFAULT, name)
         range_ = values.speed if isinstance(values, PushConfig) else values
-        disturbances.append(Disturbance(name, label, none, range_, own is not None, every))
+        disturbances.append(Disturbance(name, label, none, range_, own is not None, every, task.physics_dt))
     return disturbances
 
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
@@ -13,12 +14,14 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.events import Events, no_events
 from ogmp_sb3.env.failed_step import UnstableStep
 from ogmp_sb3.runs.atomic import replacing
 
 FOLDER = "unstable"  # in a run directory
 MOST = 20  # files in it
-FORMAT = 1
+FORMAT = 2
+WITHOUT_EVENTS = 1  # the format before it: all that reached a robot did so at the start of a control step
 KEY = "ogmp"  # of the plain data in a file
 VARIED = ("mass", "friction", "gains")
 
@@ -30,6 +33,8 @@ def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
     :raises OSError: if the file cannot be written
     """
     arrays = {"state": step.state, "terrain": step.terrain, "action": step.action}
+    for name, events in (("targets", step.targets), ("kicks", step.kicks)):
+        arrays |= {name: events.values, f"{name}_at": events.at}
     plain = {"format": FORMAT, **step.info, "varied": step.varied, **info}
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:
@@ -44,9 +49,9 @@ def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
     try:
         with safe_open(path, "numpy") as file:
             plain = json.loads((file.metadata() or {})[KEY])
-            arrays = {name: file.get_tensor(name) for name in ("state", "terrain", "action")}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}
         where = Where(str(path))
-        if read(int, plain["format"], where / "format") != FORMAT:
+        if read(int, plain["format"], where / "format") not in (WITHOUT_EVENTS, FORMAT):
             raise ValueError(f"format {plain['format']}, expected {FORMAT}")
         task = task_from_data(
             read(dict[str, Any], plain["task"], where / "task"),
@@ -54,6 +59,20 @@ def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
         )
         read(dict[str, str], plain.get("versions", {}), where / "versions")
         varied = {name: read(float, plain["varied"][name], where / name) for name in VARIED if name in plain["varied"]}
+        with_events = plain["format"] == FORMAT
+        return UnstableStep(
+            state=arrays["state"],
+            terrain=arrays["terrain"],
+            action=arrays["action"],
+            targets=_events(arrays, "targets") if with_events else no_events(len(task.robot_config.joints)),
+            kicks=_events(arrays, "kicks") if with_events else no_events(2),
+            varied=varied,
+            info=plain,
+        ), task
     except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
         raise ValueError(f"{path}: not readable as a step that failed ({' '.join(str(error).split())}).") from None
-    return UnstableStep(**arrays, varied=varied, info=plain), task
+
+
+def _events(arrays: dict[str, np.ndarray], name: str) -> Events:
+    at = arrays[f"{name}_at"]
+    return Events(at, np.zeros(len(at), dtype=int), arrays[name])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -22,7 +23,7 @@ EVERYTHING = {
     "mass": [0.8, 1.2],
     "friction": [0.4, 1.2],
     "gains": [0.8, 1.2],
-    "latency": [0, 2],
+    "latency": [0, 0.07],
     "sensor_noise": 0.1,
     "push": {"every": 0.3, "speed": [0.1, 0.5]},
 }
@@ -43,7 +44,7 @@ def task(name: str = "parkour", **randomisation: Any) -> TaskConfig:
 
 def drawn(rows: int = 400, **randomisation: Any) -> Disturbances:
     """Disturbances that have begun."""
-    disturbances = Disturbances(task(**randomisation).randomisation, rows, np.zeros(10), 0.03)
+    disturbances = Disturbances(task(**randomisation).randomisation, rows, 10, 0.002, 15)
     for row in range(rows):
         disturbances.seed_row(row, np.random.default_rng(row))
     disturbances.begin(np.arange(rows))
@@ -72,8 +73,10 @@ def test_it_is_off_by_default(name: str) -> None:
         ("friction", [-0.1, 1], "'randomisation': 'friction' must be above 0, found -0.1."),
         ("gains", "high", "'randomisation': 'gains' must be a number or [low, high], found high."),
         ("gains", [1.1, 0.9], "'randomisation.gains' is a reversed range"),
-        ("latency", [0, 1.5], "'randomisation': 'latency' must be whole control steps up to 100, found 1.5."),
-        ("latency", 1000, "'latency' must be whole control steps up to 100, found 1000."),
+        ("latency", [0, 1], "'randomisation.latency' is in seconds, from 0 to 0.5 s, found 1: a control step of"),
+        ("latency", 2, "found 2: a control step of this task is 0.03 s."),
+        ("latency", 0.501, "'randomisation.latency' is in seconds, from 0 to 0.5 s, found 0.501"),
+        ("push", {"every": 0.001, "speed": 1}, "'randomisation.push.every' must be at least a physics step, 0.002 s"),
         ("latency", -1, "'latency' must be at least 0, found -1."),
         ("sensor_noise", -0.1, "'sensor_noise' must be at least 0, found -0.1."),
         ("push", {"every": 0, "speed": 1}, "'randomisation.push': 'every' must be above 0, found 0."),
@@ -87,6 +90,13 @@ def test_a_mistake_is_one_sentence(key: str, value: Any, message: str) -> None:
         task(**{key: value})
     assert caught.value.args[0].startswith("tasks/parkour.yaml: ")
     assert message in caught.value.args[0]
+
+
+def test_a_test_protocol_s_latency_in_control_steps_is_refused_too() -> None:
+    with pytest.raises(
+        ValueError, match=r"'evaluation\.randomisation\.latency' is in seconds.*found 1: a control step"
+    ):
+        load_task("parkour", {"evaluation.randomisation.latency": 1})
 
 
 def test_the_test_protocol_has_disturbances_of_its_own() -> None:
@@ -185,7 +195,7 @@ def test_draws_fill_their_ranges_and_change_with_every_episode() -> None:
 
 
 def test_what_is_not_declared_is_not_changed() -> None:
-    assert set(drawn(2, friction=0.5, latency=1).robots(np.arange(2))) == {"friction"}
+    assert set(drawn(2, friction=0.5, latency=0.01).robots(np.arange(2))) == {"friction"}
 
 
 def test_the_robots_simulated_are_those_that_were_drawn() -> None:
@@ -199,26 +209,123 @@ def test_the_robots_simulated_are_those_that_were_drawn() -> None:
         np.testing.assert_allclose(model.actuator_gainprm[:, 0], 30.0 * wanted["gains"][row])
 
 
-@pytest.mark.parametrize("latency", [0, 1, 3])
-def test_an_action_reaches_the_servos_after_its_latency_and_the_nominal_pose_before(latency: int) -> None:
-    env = BatchEnv(task(latency=latency), 2, SEED, threads=1)
-    env.reset()
-    sent = [np.zeros((2, 10))] * latency
-    for k in range(6):
-        action = np.full((2, 10), 0.01 * (k + 1))
-        sent.append(env.task.action.scale * action)
-        env.step(action)
-        np.testing.assert_allclose(env.sim.ctrl, sent[k])
-    env.reset()
-    env.step(np.full((2, 10), 0.5))
-    np.testing.assert_allclose(env.sim.ctrl, 0.0 if latency else 1.0)
+# ---- latency and pushes, between control steps ----
+
+SUBSTEPS, PHYSICS_DT = 15, 0.002
 
 
-def test_latencies_are_whole_and_of_each_row() -> None:
-    disturbances = drawn(latency=[0, 2])
+def by_hand(env: BatchEnv) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """MuJoCo's own simulation of an environment of one that was just reset."""
+    model, data = env.sim.mj.get_model(0), env.sim.mj.get_data(0)
+    assert (data.time, model.opt.timestep) == (0.0, PHYSICS_DT)
+    return model, data
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.002, 0.016, 0.028, 0.03, 0.044, 0.06, 0.5])
+def test_an_action_reaches_the_servos_in_the_physics_step_at_its_latency(seconds: float) -> None:
+    """A robot moves as in a loop of ``mj_step`` in which the control changes at exactly that step."""
+    env = BatchEnv(task(latency=seconds), 1, SEED, threads=1)
+    env.reset()
+    model, data = by_hand(env)
+    commands, late = actions(20, 1), round(seconds / PHYSICS_DT)
+    for k in range(20):
+        view = env.step(commands[k]).view
+        for step in range(SUBSTEPS * k, SUBSTEPS * (k + 1)):
+            arrived = (step - late) // SUBSTEPS
+            data.ctrl[:] = 2.0 * commands[arrived, 0] if arrived >= 0 else 0.0  # the nominal pose is all zeros
+            mujoco.mj_step(model, data)
+        np.testing.assert_array_equal(env.sim.qpos[0], data.qpos)
+        np.testing.assert_array_equal(env.sim.qvel[0], data.qvel)
+        torque = 30.0 * (data.ctrl - data.qpos[7:]) - 0.5 * data.qvel[6:]
+        np.testing.assert_allclose(view.torque[0], torque, rtol=1e-9, atol=1e-9)
+
+
+def test_a_latency_of_a_control_step_holds_every_action_back_by_one() -> None:
+    late, prompt = (BatchEnv(task(**given), 2, SEED, threads=1) for given in ({"latency": 0.03}, {}))
+    late.reset()
+    prompt.reset()
+    commands = actions(10, 2)
+    for now, before in zip(commands, [np.zeros((2, 10)), *commands[:-1]], strict=True):
+        late.step(now)
+        prompt.step(before)
+        np.testing.assert_array_equal(late.sim.mj.state, prompt.sim.mj.state)
+
+
+def test_every_row_has_its_latency_drawn_in_seconds() -> None:
+    disturbances = drawn(latency=[0.01, 0.07])
+    latencies = disturbances.arrays()["latency"]
+    assert 0.01 <= latencies.min() < 0.012 and 0.068 < latencies.max() <= 0.07
+    assert np.std(latencies) == pytest.approx(0.06 / np.sqrt(12), rel=0.1)
     for k in range(5):
-        reached = disturbances.delayed(np.full((400, 10), float(k)))
-    assert set(np.unique(4 - reached)) == {0.0, 1.0, 2.0}
+        arrivals = disturbances.arrivals(np.full((400, 10), float(k)), None)
+    np.testing.assert_array_equal(arrivals.rows, np.arange(400))
+    after = (4 - arrivals.values[:, 0]) * 0.03 + arrivals.at * PHYSICS_DT
+    np.testing.assert_allclose(after, latencies, atol=PHYSICS_DT / 2 + 1e-9)
+
+
+def test_rows_of_different_latency_stepped_alone_move_as_they_do_together() -> None:
+    together, apart = (BatchEnv(task(**{**EVERYTHING, "sensor_noise": None}), 4, SEED, threads=1) for _ in range(2))
+    together.reset()
+    apart.reset()
+    assert len(np.unique(together.disturbances.arrays()["latency"])) == 4
+    rows = np.array([1, 3])
+    for command in actions(6, 4):
+        together.step(command)
+        apart.step(command, rows)
+        np.testing.assert_array_equal(apart.sim.qpos[rows], together.sim.qpos[rows])
+
+
+def test_the_servos_keep_their_targets_until_the_first_action_arrives() -> None:
+    env = BatchEnv(task(latency=0.04), 1, SEED, threads=1)
+    env.reset()
+    env.sim.ctrl[:] = 0.3
+    for expected in (0.3, 1.0):
+        env.step(np.full((1, 10), 0.5))
+        np.testing.assert_array_equal(env.sim.ctrl, expected)
+
+
+def test_an_action_that_is_not_a_number_arrives_too_and_is_noticed() -> None:
+    env = BatchEnv(task(latency=0.016), 1, SEED, threads=1)
+    env.reset()
+    assert env.step(np.full((1, 10), np.nan)).termination.tolist() == ["unstable"]
+
+
+def test_a_new_episode_forgets_what_was_under_way() -> None:
+    env = BatchEnv(task(latency=0.04), 2, SEED, threads=1)
+    env.reset()
+    for _ in range(3):
+        env.step(np.full((2, 10), 0.5))
+    env.reset(np.array([1]))
+    env.step(np.full((2, 10), 0.5))
+    np.testing.assert_array_equal(env.sim.ctrl, np.repeat([[1.0], [0.0]], 10, axis=1))
+    env.step(np.full((2, 10), 0.5))
+    np.testing.assert_array_equal(env.sim.ctrl, 1.0)
+
+
+@pytest.mark.parametrize("every", [0.004, 0.03, 0.1])
+def test_a_kick_comes_in_the_physics_step_at_its_time(every: float) -> None:
+    """A robot moves as in a loop of ``mj_step`` in which the velocity changes before exactly that step."""
+    env = BatchEnv(task(latency=0.01, push={"every": every, "speed": 0.2}), 1, SEED, threads=1)
+    env.reset()
+    model, data = by_hand(env)
+    first, apart = int(env.disturbances.arrays()["first_push"][0]), round(every / PHYSICS_DT)
+    assert 0 <= first < apart
+    commands, found = actions(10, 1), 0
+    for k in range(10):
+        env.step(commands[k])
+        kicks = iter(env.sim.events[1].values)
+        for step in range(SUBSTEPS * k, SUBSTEPS * (k + 1)):
+            arrived = (step - 5) // SUBSTEPS
+            data.ctrl[:] = 2.0 * commands[arrived, 0] if arrived >= 0 else 0.0
+            if step >= first and (step - first) % apart == 0:
+                kick = next(kicks)
+                assert np.linalg.norm(kick) == pytest.approx(0.2)
+                data.qvel[:2] += kick
+                found += 1
+            mujoco.mj_step(model, data)
+        assert next(kicks, None) is None
+        np.testing.assert_array_equal(env.sim.qpos[0], data.qpos)
+    assert found == len(range(first, 10 * SUBSTEPS, apart)) > 0
 
 
 def test_noise_has_the_size_asked_for_and_falls_on_the_proprioception_alone() -> None:
@@ -231,16 +338,20 @@ def test_noise_has_the_size_asked_for_and_falls_on_the_proprioception_alone() ->
 
 
 def test_pushes_come_at_their_time_first_at_a_random_one_in_all_directions() -> None:
-    disturbances = drawn(push={"every": 0.3, "speed": [0.2, 0.4]})
+    disturbances = drawn(push={"every": 0.301, "speed": [0.2, 0.4]})
     times = [[] for _ in range(400)]
     kicks = []
     for step in range(40):
-        rows, kick = disturbances.kicks(np.full(400, step), None)
-        for row in rows:
-            times[row].append(step)
-        kicks.append(kick)
-    assert {first for first, *_ in times} == set(range(10))
-    assert all(np.diff(steps).tolist() == [10, 10, 10] for steps in times)
+        events = disturbances.kicks(np.full(400, step), None)
+        for row, at in zip(events.rows, events.at, strict=True):
+            times[row].append(SUBSTEPS * step + at)
+        kicks.append(events.values)
+    firsts = [first for first, *_ in times]
+    assert (min(firsts), max(firsts)) == (pytest.approx(0, abs=3), pytest.approx(149, abs=3))
+    counts, _ = np.histogram(np.array(firsts) % SUBSTEPS, bins=SUBSTEPS)
+    assert counts.min() > 0.4 * counts.mean()  # at every physics step of a control step
+    assert all((np.diff(steps) == 150).all() for steps in times)  # 0.301 s, rounded
+    assert {len(steps) for steps in times} == {4}
     kick = np.concatenate(kicks)
     speed, angle = np.linalg.norm(kick, axis=1), np.arctan2(kick[:, 1], kick[:, 0])
     assert (speed.min(), speed.max()) == (pytest.approx(0.2, abs=0.01), pytest.approx(0.4, abs=0.01))
@@ -250,7 +361,7 @@ def test_pushes_come_at_their_time_first_at_a_random_one_in_all_directions() -> 
 
 def test_only_rows_that_are_stepped_are_pushed() -> None:
     disturbances = drawn(4, push={"every": 0.03, "speed": 1.0})
-    assert disturbances.kicks(np.zeros(4, dtype=int), np.array([1, 3]))[0].tolist() == [1, 3]
+    assert disturbances.kicks(np.zeros(4, dtype=int), np.array([1, 3])).rows.tolist() == [1, 3]
 
 
 def test_a_push_moves_the_base_as_fast_as_it_says() -> None:

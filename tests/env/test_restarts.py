@@ -132,10 +132,14 @@ def test_seeding_forgets() -> None:
 # ---- in the environment ----
 
 
-@pytest.mark.parametrize(("name", "horizon"), [("parkour", 30), ("parkour", 5), ("dive", None)])
-def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str, horizon: int | None) -> None:
-    """With a horizon of 5, every moment is one at which the oracle is asked."""
-    declared = replace(task(name, **{**DECLARED, "fraction": 0.99}), horizon=horizon)
+@pytest.mark.parametrize(
+    ("name", "horizon", "latency"),
+    [("parkour", 30, None), ("parkour", 5, None), ("dive", None, None), ("parkour", 30, [0.0, 0.1])],
+)
+def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str, horizon: int | None, latency: Any) -> None:
+    """With a horizon of 5, every moment is one at which the oracle is asked; with latency, targets are under way."""
+    overrides = {"curriculum": None, "restarts": {**DECLARED, "fraction": 0.99}, "randomisation.latency": latency}
+    declared = replace(load_task(name, overrides), horizon=horizon)
     env, commands = BatchEnv(declared, 1, SEED, threads=1), actions(2000, 1, scale=0.1)
     observation, first, begun = env.reset(), [], 0
     for command in commands:

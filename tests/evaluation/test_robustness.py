@@ -51,8 +51,9 @@ def test_there_is_no_noise_where_nothing_has_it() -> None:
         ("friction", [0.5, 1.2], [0.05, 0.25, 0.5, 0.75, 1.0, 1.1, 1.2, 1.3, 1.4]),
         ("friction", [0.4, 0.6], [0.05, 0.1, 0.4, 0.7, 1.0]),
         ("gains", [1.0, 1.4], [1.0, 1.2, 1.4, 1.6, 1.8]),
-        ("latency", [1, 2], [0, 1, 2, 3, 4]),
-        ("latency", [1, 80], [0, 40, 80, 100]),
+        ("latency", [0.01, 0.02], [0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.03]),
+        ("latency", 0.011, [0.0, 0.002, 0.004, 0.006, 0.008, 0.012, 0.016]),  # rounded to physics steps of 2 ms
+        ("latency", [0, 0.4], [0.0, 0.08, 0.16, 0.24, 0.32, 0.4, 0.5]),
         ("sensor_noise", 0.1, [0.0, 0.05, 0.1, 0.15, 0.2]),
         ("push", {"every": 2, "speed": [0.1, 0.4]}, [0.0, 0.2, 0.4, 0.6, 0.8]),
     ],
@@ -67,6 +68,9 @@ def test_what_the_task_leaves_out_gets_a_default_range() -> None:
     found = disturbance("gains", mass=1.2)
     assert not found.declared
     assert found.values[[0, -1]].tolist() == [0.8, 1.2]
+    latency = disturbance("latency", mass=1.2)
+    assert (latency.label, latency.none) == ("latency (s)", 0.0)
+    assert latency.values.tolist() == [0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.03]
 
 
 def test_undisturbed_is_the_friction_of_the_robot_where_it_is_the_greater(tmp_path: Path) -> None:

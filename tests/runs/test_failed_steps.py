@@ -9,10 +9,13 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
+from helpers.batches import actions
 from helpers.failures import PATH, failed_step
 from helpers.programs import SMALL, program
+from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env import batch_env as env_module
-from ogmp_sb3.env.failed_step import UnstableStep, replay
+from ogmp_sb3.env.failed_step import UnstableStep, capture, replay
 from ogmp_sb3.runs.failed_steps import MOST, load_step, save_step
 from ogmp_sb3.runs.run_directory import read_log
 
@@ -39,6 +42,36 @@ def test_a_step_survives_its_file_and_fails_again_in_the_same_physics_step(faile
     assert found.reasons
 
 
+def test_targets_and_kicks_on_the_way_survive_the_file(tmp_path: Path) -> None:
+    overrides = {"randomisation": {"latency": 0.016, "push": {"every": 0.014, "speed": 0.3}}}
+    data = apply_overrides(read_yaml(PATH), overrides, "test")
+    env = env_module.BatchEnv(task_from_data(data, PATH), 2, seed=4, threads=1)
+    env.reset()
+    for command in actions(4, 2):
+        env.step(command)
+    step = capture(env, 1, command[1])
+    assert step.targets.at.tolist() == [8] and len(step.kicks.at) in (1, 2)
+    save_step(step, tmp_path / "step.safetensors", task=data, task_file=str(PATH))
+    loaded, _ = load_step(tmp_path / "step.safetensors")
+    for name in ("targets", "kicks"):
+        for found, expected in zip(
+            vars(getattr(loaded, name)).values(), vars(getattr(step, name)).values(), strict=True
+        ):
+            np.testing.assert_array_equal(found, expected)
+
+
+def test_a_file_of_the_format_before_has_nothing_on_the_way(failed, tmp_path: Path) -> None:
+    step, data = failed
+    save_step(step, tmp_path / "new.safetensors", task=data, task_file=str(PATH))
+    with safe_open(tmp_path / "new.safetensors", "numpy") as opened:
+        meta = {key: text.replace('{"format": 2', '{"format": 1') for key, text in opened.metadata().items()}
+        assert meta != opened.metadata()
+    old = {"state": step.state, "terrain": step.terrain, "action": step.action}
+    save_file(old, tmp_path / "old.safetensors", meta)
+    loaded, task = load_step(tmp_path / "old.safetensors")
+    assert replay(loaded, task) == replay(step, task)
+
+
 @pytest.mark.parametrize("damage", ["empty", "half", "pickle", "no data", "other format", "task", "versions", "shape"])
 def test_a_file_that_is_damaged_is_a_sentence(damage: str, failed, tmp_path: Path) -> None:
     step, data = failed
@@ -59,11 +92,12 @@ def test_a_file_that_is_damaged_is_a_sentence(damage: str, failed, tmp_path: Pat
     elif damage == "no data":
         save_file({"state": step.state}, file)
     elif damage == "other format":
-        file.write_bytes(content.replace(b'{\\"format\\": 1', b'{\\"format\\": 2'))
+        file.write_bytes(content.replace(b'{\\"format\\": 2', b'{\\"format\\": 3'))
     elif damage == "shape":
         with safe_open(file, "numpy") as opened:
             meta = opened.metadata()
-        save_file({"state": step.state[:5], "terrain": step.terrain, "action": step.action}, file, meta)
+            arrays = {name: opened.get_tensor(name) for name in opened.keys()}
+        save_file({**arrays, "state": step.state[:5]}, file, meta)
     done = program("check", f"unstable={file}", cwd=tmp_path)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr and len(done.stderr.splitlines()) == 1

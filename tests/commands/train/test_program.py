@@ -105,7 +105,7 @@ def test_the_logs_of_a_crashed_and_resumed_run_have_no_double_point(run: Path, t
 
 
 DISTURBED = (
-    "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,2],sensor_noise:0.1,"
+    "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,0.07],sensor_noise:0.1,"
     "push:{every:0.3,speed:0.3}}"
 )
 
