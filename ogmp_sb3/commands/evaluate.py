@@ -180,7 +180,7 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
             raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")
         steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
         metrics = tuple(name for name in task.evaluation.metrics if name != "episode_length_fraction")  # of no limit
-        evaluation = replace(task.evaluation, metrics=metrics)
+        evaluation = replace(task.evaluation, metrics=metrics, track_length=None)
         task = replace(task, track=replace(task.track, length=None), episode_steps=steps, evaluation=evaluation)
     return task
 

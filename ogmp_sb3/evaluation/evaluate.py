@@ -19,6 +19,7 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
 
@@ -134,8 +135,12 @@ def heading(task: str, episodes: int, physics_dt: float) -> str:
 
 def estimates(task: TaskConfig, records: list[EpisodeRecord]) -> Estimates:
     """Every metric of the task over episodes, with the true objective."""
-    by_name = {name: estimate(_values(registry.metrics, name, records)) for name in task.evaluation.metrics}
-    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records))
+    by_name = {
+        name: estimate(_values(registry.metrics, name, records), limits_of(registry.metrics.get(name)))
+        for name in task.evaluation.metrics
+    }
+    most = highest_objective(task)
+    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records), (None, most))
     return by_name
 
 
@@ -144,12 +149,15 @@ def _values(functions: registry.Registry[Any], name: str, records: list[EpisodeR
 
     :raises FunctionFailed: if its function raises an exception
     :raises TypeError: if it returns anything but a number or a bool
+    :raises ValueError: if the number is not finite
     """
     function, title = functions.get(name), f"{functions.kind} '{name}'"
     for record in records:
         value = call(title, function, record)
-        if not isinstance(value, bool | int | float | np.number | np.bool_):
+        if not isinstance(value, bool | int | float | np.integer | np.floating | np.bool_):
             raise TypeError(f"what {title} returns must be a number, or true or false; it is {answer_text(value)}.")
+        if not np.isfinite(value):
+            raise ValueError(f"what {title} returns must be finite; it is {value:g}.")
         yield value  # type: ignore[misc]
 
 

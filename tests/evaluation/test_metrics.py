@@ -7,7 +7,15 @@ from scipy.spatial.transform import Rotation
 from helpers.records import DIRECTIONS, STEPS, ramp, record, turn
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.evaluation.metrics import UPRIGHT_STEPS, flip_and_land, flip_angle, highest_objective, track_displacement
+from ogmp_sb3.evaluation.metrics import (
+    UPRIGHT_STEPS,
+    flip_and_land,
+    flip_angle,
+    highest_objective,
+    limited,
+    limits_of,
+    track_displacement,
+)
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.modes import FLIP_SPEED, flip
 
@@ -184,6 +192,13 @@ def test_metrics_leave_the_record_alone() -> None:
 
 
 # ---- bounds ----
+
+
+def test_a_metric_is_within_the_limits_that_it_declares() -> None:
+    """The interval of its mean is cut off there."""
+    assert limits_of(registry.metrics.get("episode_length_fraction")) == (0.0, 1.0)
+    assert limits_of(registry.metrics.get("distance_m")) == (None, None)  # one may go backwards
+    assert limits_of(limited(most=3.0)(lambda record: 2.0)) == (None, 3.0)
 
 
 def test_the_true_objective_is_measured_against_the_test_track_or_one_dive() -> None:
