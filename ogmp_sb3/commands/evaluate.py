@@ -17,7 +17,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.epsilon import measure_epsilon
-from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure
+from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_names
 from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, measure_grid
 from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_rows
 from ogmp_sb3.guidance.course import extent
@@ -172,9 +172,10 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     """A task under the protocol wanted.
 
     :param trained: of :func:`training_task`
-    :raises ValueError: if the protocol is not for such a task
+    :raises ValueError: if the protocol or a metric is not for such a task
     """
     task = trained.for_evaluation()
+    metric_names(task)
     if config.protocol == "endless":
         if extent(task).timed:
             raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")

@@ -10,6 +10,7 @@ import numpy as np
 from ogmp_sb3.config.registry import metrics, objectives
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.speed import mean_over_steps, stretches
 from ogmp_sb3.evaluation.statistics import Limits
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.guidance.srb import GRAVITY
@@ -54,6 +55,23 @@ def max_heading_acceleration_g(record: EpisodeRecord) -> float:
 def max_heading_speed_mps(record: EpisodeRecord) -> float:
     """Largest velocity along the track, m/s (paper: M.H.S.)."""
     return float(record.base_linvel_w[:, 0].max())
+
+
+@metrics.register()
+@limited(least=0.0)
+def speed_error_mps(record: EpisodeRecord) -> float:
+    """Distance of the speed along the track from the commanded one, m/s: the mean over the control steps, the speed
+    averaged over stretches of at most a second before (:mod:`ogmp_sb3.evaluation.speed`).
+
+    :raises ValueError: for timed modes, which command no speed
+    """
+    first = record.calls[0].segment()
+    if first.timed:
+        raise ValueError("metric 'speed_error_mps' is for modes along a track; these take a time.")
+    parts = stretches(record)
+    if not parts:  # the simulation failed in the first step: the robot has not moved
+        return abs(first.spans[0].velocity[0])
+    return mean_over_steps(parts, lambda part: part.error)
 
 
 @metrics.register()

@@ -24,6 +24,7 @@ from ogmp_sb3.report.plots.evaluations import plot_grids, plot_terminations
 from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.report.plots.trainings import SMOOTH, plot_training
+from ogmp_sb3.report.speed_section import speed_parts
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.run_directory import Run
@@ -108,6 +109,7 @@ def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) ->
             lambda path: plot_terminations([("", causes)], path),
         )
     )  # fmt: skip
+    parts += speed_parts(result.speeds, out)
     if result.groups:
         names = list(next(iter(result.groups.values())))
         rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in result.groups.items()]
