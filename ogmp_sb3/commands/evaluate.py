@@ -18,8 +18,8 @@ from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.epsilon import measure_epsilon
 from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_names
-from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, measure_grid
-from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_rows
+from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, grid_copies_text, measure_grid
+from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_copies_text, robustness_rows
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.panels import shown
@@ -44,8 +44,13 @@ def measure_metrics(request: Request, progress: Progress) -> Report:
 
 def show_metrics(report: Report, console: Console) -> None:
     """Print the metrics as tables."""
-    episodes = report["metrics"]["true_objective"]["n"]
-    console.print(Evaluation.from_data(report, heading(report["task"], episodes, report["physics_dt"])))
+    console.print(Evaluation.from_data(report, heading(report["task"], report["episodes"], report["physics_dt"])))
+
+
+def show_sentence(sentence: str, console: Console) -> None:
+    """Print a sentence, unless it is empty."""
+    if sentence:
+        console.print(sentence)
 
 
 def show_epsilon(report: Report, console: Console) -> None:
@@ -73,6 +78,7 @@ ANALYSES = (
         sets=count_cells,
         episodes=CELL_EPISODES,
         plot=lambda report, path: plot_grids([report["grid"]], "return", path),
+        show=lambda report, console: show_sentence(grid_copies_text(report["grid"], report["episodes"]), console),
     ),
     Analysis(
         name="robustness",
@@ -83,6 +89,7 @@ ANALYSES = (
         refused_keys={"evaluation.randomisation": "disturbs one thing at a time; its ranges are 'randomisation'."},
         rows=robustness_rows,
         plot=lambda report, path: plot_robustness(report["robustness"], path),
+        show=lambda report, console: show_sentence(robustness_copies_text(report), console),
     ),
     Analysis(name="epsilon", measure=measure_epsilon, show=show_epsilon),
 )
@@ -192,7 +199,7 @@ def _run(arguments: list[str]) -> None:
     analysis, request = config.analysis, _request(config, loaded, overrides)
     with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
         result = analysis.measure(request, bar.update)
-    report = {**_origin(config, loaded, overrides, request.task), **result}
+    report = {**_origin(config, loaded, overrides, request), **result}
     out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
     files = _write(analysis, report, out)
     console = cli.console()
@@ -216,18 +223,19 @@ def _request(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str]) -> 
     )
 
 
-def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], task: TaskConfig) -> Report:
+def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], request: Request) -> Report:
     """Which policy was measured, and how: the head of every report."""
     return {
         "run": shown_path(loaded.path),
         "policy": loaded.digest,
-        "task": task.name,
+        "task": request.task.name,
         "protocol": config.protocol,
         "overrides": overrides,
         "scene": config.scene,
         "seed": config.seed,
+        "episodes": request.episodes,
         "num_timesteps": loaded.info.get("num_timesteps"),
-        "physics_dt": task.physics_dt,
+        "physics_dt": request.task.physics_dt,
         "versions": versions(),
     }
 

@@ -18,6 +18,7 @@ from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
 from ogmp_sb3.evaluation.record import EpisodeRecord
@@ -45,6 +46,13 @@ class Evaluation:
     """heading of the first table"""
     speeds: tuple[SpeedRow, ...] = ()
     """how well commanded speeds are followed; none for timed modes, and in evaluations of earlier versions"""
+    copies: int = 0
+    """how many more episodes were played that are copies of others"""
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes were played."""
+        return sum(self.terminations.values()) + self.copies
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in ``metrics.json``; without the title."""
@@ -53,6 +61,8 @@ class Evaluation:
             "groups": {group: estimates_as_data(metrics) for group, metrics in self.groups.items()},
             "median_distance_m": self.median_distance_m,
             "terminations": self.terminations,
+            "episodes": self.episodes,
+            "copies": self.copies,
             "speeds": [row.as_data() for row in self.speeds],
         }
 
@@ -66,16 +76,19 @@ class Evaluation:
         groups = {group: estimates_from_data(metrics) for group, metrics in data["groups"].items()}
         metrics = estimates_from_data(data["metrics"])
         speeds = tuple(map(SpeedRow.from_data, data.get("speeds", [])))
-        return cls(metrics, groups, data["median_distance_m"], data["terminations"], title, speeds)
+        return cls(
+            metrics, groups, data["median_distance_m"], data["terminations"], title, speeds, data.get("copies", 0)
+        )
 
     def __rich__(self) -> Group:
         """The tables, as Rich prints them."""
         ended = ", ".join(f"{cause} {count}" for cause, count in self.terminations.items())
+        copies = copies_text(self.copies, self.episodes)
         return Group(
             _table(self.title, self.metrics),
             *(_table(group, metrics) for group, metrics in self.groups.items()),
             *([_speed_table(self.speeds)] if self.speeds else []),
-            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m."),
+            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m. {copies}".rstrip()),
         )
 
     def __str__(self) -> str:
@@ -129,19 +142,21 @@ def evaluate(
     return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress))
 
 
-def measure(task: TaskConfig, records: list[EpisodeRecord]) -> Evaluation:
-    """The evaluation of episodes that were played.
+def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:
+    """The evaluation of episodes that were played; those that are copies of others count once.
 
     :param task: the task they were played on
     """
+    records = distinct(played)
     causes = [record.termination for record in records]
     return Evaluation(
         metrics=estimates(task, records),
         groups=estimates_by_word(task, records),
         median_distance_m=float(np.median([registry.metrics.get("distance_m")(record) for record in records])),
         terminations={cause: causes.count(cause) for cause in sorted(set(causes))},
-        title=heading(task.name, len(records), task.physics_dt),
+        title=heading(task.name, len(played), task.physics_dt),
         speeds=tuple(speed_rows(records)),
+        copies=len(played) - len(records),
     )
 
 

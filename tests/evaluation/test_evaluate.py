@@ -86,7 +86,7 @@ def test_each_word_of_the_first_mode_has_its_metrics() -> None:
 def test_evaluations_of_earlier_versions_are_read(tmp_path: Path) -> None:
     each = {"mean": 1.0, "std": None, "n": 1, "ci95": [None, None]}
     data = {"metrics": {"return": each}, "groups": {}, "median_distance_m": 0.0, "terminations": {"fall": 1}}
-    since: dict[str, Any] = {"speeds": []}
+    since = {"episodes": 1, "copies": 0, "speeds": []}
     assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == {**data, **since}
 
 
