@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
-from rich.table import Table
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import shown_path
@@ -16,14 +15,13 @@ from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
-from ogmp_sb3.evaluation.epsilon import measure_epsilon
+from ogmp_sb3.evaluation.epsilon import epsilon_rows, epsilon_tables, measure_epsilon
 from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_names
 from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, grid_copies_text, measure_grid
 from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_copies_text, robustness_rows
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
-from ogmp_sb3.report.panels import shown
-from ogmp_sb3.report.plots.evaluations import plot_grids, plot_robustness
+from ogmp_sb3.report.plots.evaluations import plot_epsilon, plot_grids, plot_robustness
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out
@@ -53,23 +51,6 @@ def show_sentence(sentence: str, console: Console) -> None:
         console.print(sentence)
 
 
-def show_epsilon(report: Report, console: Console) -> None:
-    """Print the deviations from each oracle in each mode as a table."""
-    epsilon = report["epsilon"]
-    trained = epsilon["trained_with"]
-    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
-    table = Table(title=title, title_justify="left")
-    for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
-        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
-    for oracle, modes in epsilon["oracles"].items():
-        for mode, deviations in modes.items():
-            numbers = (f"{deviations[name]:.3f}" for name in ("median", "p95", "max"))
-            table.add_row(oracle, mode, *numbers, f"{deviations['steps']:,}")
-    console.print(table)
-    left_out = f"{epsilon['left_out']} others ended before their time and are left out"
-    console.print(f"Unit: {epsilon['unit']}. {epsilon['episodes']} episodes; {left_out}.")
-
-
 METRICS = Analysis(name="metrics", measure=measure_metrics, show=show_metrics, endless=True)
 ANALYSES = (
     Analysis(
@@ -91,7 +72,13 @@ ANALYSES = (
         plot=lambda report, path: plot_robustness(report["robustness"], path),
         show=lambda report, console: show_sentence(robustness_copies_text(report), console),
     ),
-    Analysis(name="epsilon", measure=measure_epsilon, show=show_epsilon),
+    Analysis(
+        name="epsilon",
+        measure=measure_epsilon,
+        rows=epsilon_rows,
+        plot=lambda report, path: plot_epsilon(report["epsilon"], path),
+        show=lambda report, console: console.print(epsilon_tables(report["epsilon"])),
+    ),
 )
 """What can be measured instead of the metrics, each asked for by the key of its name."""
 

@@ -11,7 +11,7 @@ import pytest
 from helpers.records import STEPS, record
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
-from ogmp_sb3.evaluation import grid, robustness
+from ogmp_sb3.evaluation import epsilon, grid, robustness
 from ogmp_sb3.evaluation.copies import copies_in_sets_text, copies_text, distinct, first_of_each
 from ogmp_sb3.evaluation.episodes import play_episodes
 from ogmp_sb3.evaluation.evaluate import Evaluation, measure
@@ -58,7 +58,7 @@ def test_an_evaluation_counts_copies_once_and_says_so() -> None:
     assert "copies" not in str(measure(task, played[1:3]))
 
 
-def test_so_do_cells_of_a_grid_and_sizes_of_a_disturbance() -> None:
+def test_so_do_cells_of_a_grid_sizes_of_a_disturbance_and_epsilon() -> None:
     policy: Any = Standing()
     task = load_task("dive", {**FIXED, "evaluation.terminations.fall": None}).for_evaluation()
     cell = grid.evaluate_cell(policy, task, "flip", {"h": Range(1.2, 1.2)}, 3, 0)
@@ -69,6 +69,8 @@ def test_so_do_cells_of_a_grid_and_sizes_of_a_disturbance() -> None:
     report = {"robustness": [result], "episodes": 2}
     sizes = len(mass.values)
     assert robustness.robustness_copies_text(report).startswith(f"In {sizes} of {sizes} sizes of disturbances, ")
+    found = epsilon.estimate_epsilon(policy, task, 4, 0, lambda _: None)
+    assert (found["episodes"], found["left_out"], found["copies"]) == (1, 0, 3)
 
 
 def test_sentences_on_copies() -> None:

@@ -94,6 +94,31 @@ def plot_speeds(speeds: Sequence[SpeedRow], path: Path) -> None:
     save(figure, path)
 
 
+def plot_epsilon(epsilon: dict[str, Any], path: Path) -> None:
+    """Share of whole episodes that stay within a bound over the bound, for each oracle, with 95 % intervals.
+
+    :param epsilon: ``epsilon`` of an evaluation's ``epsilon.json``
+    :param path: picture to write
+    """
+    colours = colours_of(epsilon["maxima"], COLOURS)
+    figure, axes = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    for oracle, modes in epsilon["maxima"].items():
+        shares = modes["all"]["within"]
+        mean = np.array([share["mean"] for share in shares])
+        interval = np.array([share["ci95"] for share in shares]).T
+        rho, errors, colour = [share["rho"] for share in shares], np.abs(interval - mean), colours[oracle]
+        axes.errorbar(rho, mean, errors, marker="o", markersize=4, capsize=3, color=colour, label=oracle)
+    trained = epsilon["trained_with"]["rho"]
+    if trained is not None:
+        axes.axvline(trained, color="0.5", linestyle=":", label=f"trained with ρ = {trained:g}")
+    axes.set(xlabel="ρ", ylabel="whole episodes within ρ", ylim=(-0.03, 1.03))
+    axes.set_title(f"n = {epsilon['episodes']}")
+    axes.grid(alpha=0.3)
+    if epsilon["maxima"] or trained is not None:
+        axes.legend(loc="lower right")
+    save(figure, path)
+
+
 def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     """Bars of all rates (``..._per_second...``) of a benchmark, its ratios (``..._over_...``) in the title.
 

@@ -68,3 +68,14 @@ def test_speeds_are_drawn_over_the_command_in_bands_with_their_intervals(figures
     assert [[0.7, 0.9], [1.7, 1.2]] in [line.get_xydata().tolist() for line in axes.lines]
     np.testing.assert_allclose(bars(axes), [[1.2, 1.125, 1.375], [0.7, 0.65, 1.15], [1.7, 0.7, 1.7]])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("commanded (m/s)", "measured (m/s)")
+
+
+def test_shares_of_whole_episodes_are_drawn_over_the_bound_for_each_oracle(figures: list[Figure]) -> None:
+    within = [{"rho": rho, **estimate(share, share - 0.125, share)} for rho, share in ((0.1, 0.25), (0.2, 1.0))]
+    maxima = {"lqr": {"all": {"within": within}, "pace": {"within": []}}}
+    trained = {"oracle": "lqr", "rho": 0.15}
+    evaluations.plot_epsilon({"maxima": maxima, "episodes": 8, "trained_with": trained}, Path("unused"))
+    (axes,) = figures[0].axes
+    np.testing.assert_allclose(bars(axes), [[0.1, 0.125, 0.25], [0.2, 0.875, 1.0]])
+    assert axes.get_title() == "n = 8"
+    assert axes.get_legend().get_texts()[0].get_text() == "trained with ρ = 0.15"
