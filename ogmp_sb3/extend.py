@@ -36,7 +36,7 @@ from ogmp_sb3.config.robot import SRB, STATE_NAMES
 from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
 from ogmp_sb3.env.observations import Part, Signal
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.evaluation.metrics import reaches
+from ogmp_sb3.evaluation.metrics import limited, reaches
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.modes import Contact, Segment, Span
 from ogmp_sb3.guidance.oracles import Plant
@@ -82,6 +82,7 @@ __all__ = [
     "Span",
     "StateWeights",
     "height_at",
+    "limited",
     "looks_ahead",
     "make_oracle",
     "metric",

@@ -22,6 +22,7 @@ from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, model_srb, stand
+from ogmp_sb3.evaluation.evaluate import metric_names
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
 from ogmp_sb3.guidance.sampling import ModeCall
@@ -173,6 +174,7 @@ def _check(task: TaskConfig, out: str | None, console: Console) -> None:
     env = BatchEnv(task, num_envs=1)
     env.reset()
     env.step(np.zeros((1, env.action_size)))  # the first answers of the oracle and the terms are checked
+    metric_names(task)
     _describe(task, env, console)
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
     for kind in registry.KINDS:

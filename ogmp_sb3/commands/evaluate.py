@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
-from rich.table import Table
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import shown_path
@@ -16,14 +15,13 @@ from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
-from ogmp_sb3.evaluation.epsilon import measure_epsilon
-from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure
-from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, measure_grid
-from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_rows
+from ogmp_sb3.evaluation.epsilon import epsilon_rows, epsilon_tables, measure_epsilon
+from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_names
+from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, grid_copies_text, measure_grid
+from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_copies_text, robustness_rows
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
-from ogmp_sb3.report.panels import shown
-from ogmp_sb3.report.plots.evaluations import plot_grids, plot_robustness
+from ogmp_sb3.report.plots.evaluations import plot_epsilon, plot_grids, plot_robustness
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out
@@ -44,25 +42,13 @@ def measure_metrics(request: Request, progress: Progress) -> Report:
 
 def show_metrics(report: Report, console: Console) -> None:
     """Print the metrics as tables."""
-    episodes = report["metrics"]["true_objective"]["n"]
-    console.print(Evaluation.from_data(report, heading(report["task"], episodes, report["physics_dt"])))
+    console.print(Evaluation.from_data(report, heading(report["task"], report["episodes"], report["physics_dt"])))
 
 
-def show_epsilon(report: Report, console: Console) -> None:
-    """Print the deviations from each oracle in each mode as a table."""
-    epsilon = report["epsilon"]
-    trained = epsilon["trained_with"]
-    title = f"epsilon, an estimate biased by the training with {trained['oracle']}, rho {shown(trained['rho'])}"
-    table = Table(title=title, title_justify="left")
-    for column in ("oracle", "mode", "median", "95 %", "max", "steps"):
-        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
-    for oracle, modes in epsilon["oracles"].items():
-        for mode, deviations in modes.items():
-            numbers = (f"{deviations[name]:.3f}" for name in ("median", "p95", "max"))
-            table.add_row(oracle, mode, *numbers, f"{deviations['steps']:,}")
-    console.print(table)
-    left_out = f"{epsilon['left_out']} others ended before their time and are left out"
-    console.print(f"Unit: {epsilon['unit']}. {epsilon['episodes']} episodes; {left_out}.")
+def show_sentence(sentence: str, console: Console) -> None:
+    """Print a sentence, unless it is empty."""
+    if sentence:
+        console.print(sentence)
 
 
 METRICS = Analysis(name="metrics", measure=measure_metrics, show=show_metrics, endless=True)
@@ -73,6 +59,7 @@ ANALYSES = (
         sets=count_cells,
         episodes=CELL_EPISODES,
         plot=lambda report, path: plot_grids([report["grid"]], "return", path),
+        show=lambda report, console: show_sentence(grid_copies_text(report["grid"], report["episodes"]), console),
     ),
     Analysis(
         name="robustness",
@@ -83,8 +70,15 @@ ANALYSES = (
         refused_keys={"evaluation.randomisation": "disturbs one thing at a time; its ranges are 'randomisation'."},
         rows=robustness_rows,
         plot=lambda report, path: plot_robustness(report["robustness"], path),
+        show=lambda report, console: show_sentence(robustness_copies_text(report), console),
     ),
-    Analysis(name="epsilon", measure=measure_epsilon, show=show_epsilon),
+    Analysis(
+        name="epsilon",
+        measure=measure_epsilon,
+        rows=epsilon_rows,
+        plot=lambda report, path: plot_epsilon(report["epsilon"], path),
+        show=lambda report, console: console.print(epsilon_tables(report["epsilon"])),
+    ),
 )
 """What can be measured instead of the metrics, each asked for by the key of its name."""
 
@@ -172,15 +166,16 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     """A task under the protocol wanted.
 
     :param trained: of :func:`training_task`
-    :raises ValueError: if the protocol is not for such a task
+    :raises ValueError: if the protocol or a metric is not for such a task
     """
     task = trained.for_evaluation()
+    metric_names(task)
     if config.protocol == "endless":
         if extent(task).timed:
             raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")
         steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
         metrics = tuple(name for name in task.evaluation.metrics if name != "episode_length_fraction")  # of no limit
-        evaluation = replace(task.evaluation, metrics=metrics)
+        evaluation = replace(task.evaluation, metrics=metrics, track_length=None)
         task = replace(task, track=replace(task.track, length=None), episode_steps=steps, evaluation=evaluation)
     return task
 
@@ -191,7 +186,7 @@ def _run(arguments: list[str]) -> None:
     analysis, request = config.analysis, _request(config, loaded, overrides)
     with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
         result = analysis.measure(request, bar.update)
-    report = {**_origin(config, loaded, overrides, request.task), **result}
+    report = {**_origin(config, loaded, overrides, request), **result}
     out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
     files = _write(analysis, report, out)
     console = cli.console()
@@ -215,18 +210,19 @@ def _request(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str]) -> 
     )
 
 
-def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], task: TaskConfig) -> Report:
+def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], request: Request) -> Report:
     """Which policy was measured, and how: the head of every report."""
     return {
         "run": shown_path(loaded.path),
         "policy": loaded.digest,
-        "task": task.name,
+        "task": request.task.name,
         "protocol": config.protocol,
         "overrides": overrides,
         "scene": config.scene,
         "seed": config.seed,
+        "episodes": request.episodes,
         "num_timesteps": loaded.info.get("num_timesteps"),
-        "physics_dt": task.physics_dt,
+        "physics_dt": request.task.physics_dt,
         "versions": versions(),
     }
 

@@ -74,6 +74,7 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
         EpisodeRecord(
             **{name: values[row, : length[row] + 1] for name, values in series.items()},
             termination=str(ended[row]),
+            control_dt=env.task.control_dt,
             max_steps=env.task.episode_steps,
             leg_length=env.task.robot_config.leg_length,
             track_length=env.task.track.length,

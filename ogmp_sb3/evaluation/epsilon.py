@@ -4,14 +4,21 @@ The paper's oracle is one whose reference stays within epsilon of the optimal st
 rho >= epsilon. The states of a good policy stand in for the optimal ones here, so this is an estimate, and a biased
 one: a policy that was trained within a rho of one oracle has learned to stay near that one. Episodes that end before
 their time say nothing about optimal states and are left out.
+
+A bound must hold at every step of an episode, so what counts of an episode is its greatest deviation: a rho that holds
+95 % of the steps may end most episodes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
@@ -19,12 +26,17 @@ from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.env.endings import TIME_LIMIT
 from ogmp_sb3.env.view import EnvView, deviation
 from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.copies import copies_text, first_of_each
 from ogmp_sb3.evaluation.episodes import BATCH, Progress, play_batch
+from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.statistics import Estimate, as_text, estimate
 from ogmp_sb3.guidance.plans import Plans, make_oracle
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 
 ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 PERCENTILES = (50.0, 95.0, 100.0)
+BOUNDS = tuple(k / 10 for k in range(1, 11))  # rho, in the unit of the deviation
+ALL_MODES = "all"
 
 Deviations = dict[str, dict[str, list[float]]]  # by oracle and mode
 
@@ -82,49 +94,146 @@ class ShadowedEnv(BatchEnv):
 
 
 def estimate_epsilon(
-    policy: AnyPolicy, task: TaskConfig, episodes: int, seed: int, progress: Progress
+    policy: AnyPolicy,
+    task: TaskConfig,
+    episodes: int,
+    seed: int,
+    progress: Progress,
+    bounds: Iterable[float] = BOUNDS,
 ) -> dict[str, Any]:
-    """Median, 95th percentile and greatest deviation from each oracle in each mode, over whole episodes.
+    """How far whole episodes stray from each oracle.
 
     :param policy: a good one
     :param task: under the protocol wanted; its bound is taken off
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param progress: called with the number of episodes that have just ended
-    :return: plain data: ``oracles``, by oracle and mode ``median``, ``p95``, ``max`` and ``steps``; their ``unit``;
-        ``episodes`` that are counted, and ``left_out``, those that ended before their time
+    :param bounds: values of rho
+    :return: plain data: the ``unit`` of deviations; ``episodes`` that are counted; ``left_out``, those that ended
+        before their time; ``copies`` of either. ``maxima``, by oracle and mode (and ``all``), is about the greatest
+        deviation of each episode: ``median``, ``p95``, ``max``, ``n``, and ``within``, the share of episodes that stay
+        within each ``rho``. ``oracles``, by oracle and mode, is about the deviation at each control step: ``median``,
+        ``p95``, ``max`` and ``steps``.
     """
     task = replace(task, rho=None)
-    deviations: Deviations = {}
-    whole = 0
+    records: list[EpisodeRecord] = []
+    deviations: list[Deviations] = []
     for first in range(0, episodes, BATCH):
         env = ShadowedEnv(task, min(BATCH, episodes - first), seed + first)
-        records = play_batch(policy, env, None, progress)
-        kept = [row for row, record in enumerate(records) if record.termination == TIME_LIMIT]
-        whole += len(kept)
-        for row in kept:
-            for oracle, modes in env.deviations[row].items():
-                for mode, values in modes.items():
-                    deviations.setdefault(oracle, {}).setdefault(mode, []).extend(values)
+        records += play_batch(policy, env, None, progress)
+        deviations += env.deviations
+    different = first_of_each(records)
+    whole = [deviations[i] for i in different if records[i].termination == TIME_LIMIT]
     weights = ", ".join(f"{name} {weight:g}" for name, weight in task.bound.items() if weight)
+    names = list(task.oracle_params) if whole else []
     return {
         "unit": f"norm of W (x - x_ref), W: {weights}",
-        "episodes": whole,
-        "left_out": episodes - whole,
+        "episodes": len(whole),
+        "left_out": len(different) - len(whole),
+        "copies": len(records) - len(different),
+        "maxima": {name: _by_mode([each[name] for each in whole], bounds) for name in names},
         "oracles": {
-            oracle: {mode: _percentiles(values) for mode, values in sorted(modes.items())}
-            for oracle, modes in deviations.items()
+            name: {mode: _of_steps([each[name].get(mode, []) for each in whole]) for mode in _modes(whole, name)}
+            for name in names
         },
     }
 
 
+def _modes(episodes: list[Deviations], oracle: str) -> list[str]:
+    return sorted({mode for deviations in episodes for mode in deviations[oracle]})
+
+
+def _by_mode(episodes: list[dict[str, list[float]]], bounds: Iterable[float]) -> dict[str, Any]:
+    """What the greatest deviations of episodes come to, in all modes together and in each."""
+    maxima: dict[str, list[float]] = {ALL_MODES: []}
+    for modes in episodes:
+        greatest = {mode: max(values) for mode, values in sorted(modes.items())}
+        for mode, value in {ALL_MODES: max(greatest.values()), **greatest}.items():
+            maxima.setdefault(mode, []).append(value)
+    return {mode: _of_episodes(values, bounds) for mode, values in maxima.items()}
+
+
+def _of_episodes(maxima: list[float], bounds: Iterable[float]) -> dict[str, Any]:
+    within = [{"rho": rho, **estimate(bool(value <= rho) for value in maxima).as_data()} for rho in bounds]
+    return {**_percentiles(maxima), "n": len(maxima), "within": within}
+
+
+def _of_steps(episodes: list[list[float]]) -> dict[str, Any]:
+    values = [value for values in episodes for value in values]
+    return {**_percentiles(values), "steps": len(values)}
+
+
 def _percentiles(values: list[float]) -> dict[str, float]:
-    median, p95, greatest = (float(x) for x in np.percentile(values, PERCENTILES))
-    return {"median": median, "p95": p95, "max": greatest, "steps": len(values)}
+    return {
+        name: float(x) for name, x in zip(("median", "p95", "max"), np.percentile(values, PERCENTILES), strict=True)
+    }
 
 
 def measure_epsilon(request: Request, progress: Progress) -> Report:
     """The deviations of :func:`estimate_epsilon` with what biases them: ``epsilon``."""
-    trained_with = {"oracle": request.trained_task.oracle, "rho": request.trained_task.rho}
-    deviations = estimate_epsilon(request.policy, request.task, request.episodes, request.seed, progress)
-    return {"epsilon": {"what": ESTIMATE, "trained_with": trained_with, **deviations}}
+    oracle, rho = request.trained_task.oracle, request.trained_task.rho
+    bounds = sorted({*BOUNDS, *([] if rho is None else [rho])})
+    found = estimate_epsilon(request.policy, request.task, request.episodes, request.seed, progress, bounds)
+    return {"epsilon": {"what": ESTIMATE, "trained_with": {"oracle": oracle, "rho": rho}, **found}}
+
+
+def epsilon_rows(report: Report) -> list[dict[str, Any]]:
+    """The shares of whole episodes within a bound: one row for each oracle, mode and rho.
+
+    :param report: of :func:`measure_epsilon`
+    """
+    return [
+        {
+            "oracle": oracle, "mode": mode, "rho": share["rho"], "episodes": share["n"], "within": share["mean"],
+            "ci95_low": share["ci95"][0], "ci95_high": share["ci95"][1],
+        }
+        for oracle, modes in report["epsilon"]["maxima"].items()
+        for mode, maxima in modes.items()
+        for share in maxima["within"]
+    ]  # fmt: skip
+
+
+def epsilon_tables(epsilon: dict[str, Any]) -> Group:
+    """What :func:`measure_epsilon` found, as Rich prints it: whole episodes, then modes, then what was counted."""
+    rho = epsilon["trained_with"]["rho"]
+    bias = f"an estimate biased by the training with {epsilon['trained_with']['oracle']}, rho {_rho_text(rho)}"
+    counted = (
+        f"Unit: {epsilon['unit']}. {epsilon['episodes']} episodes; {epsilon['left_out']} others ended before their "
+        "time and are left out."
+    )
+    copies = copies_text(epsilon["copies"], sum(epsilon[key] for key in ("episodes", "left_out", "copies")))
+    tables = [_bounds_table(f"epsilon, {bias}", epsilon["maxima"]), _modes_table(epsilon)] if epsilon["maxima"] else []
+    return Group(*tables, Text(f"{counted} {copies}".rstrip()))
+
+
+def _bounds_table(title: str, maxima: dict[str, Any]) -> Table:
+    """The share of whole episodes within each bound, up to the first that holds all of them."""
+    table = Table("within rho", *maxima, title=f"{title}\nshare of whole episodes", title_justify="left")
+    shares = [[Estimate.from_data(share) for share in modes[ALL_MODES]["within"]] for modes in maxima.values()]
+    bounds = [share["rho"] for share in next(iter(maxima.values()))[ALL_MODES]["within"]]
+    for bound, row in zip(bounds, zip(*shares, strict=True), strict=True):
+        table.add_row(f"{bound:g}", *(f"{x.mean:.2f} ({as_text([x.low, x.high], 2, '..')})" for x in row))
+        if all(each.mean == 1.0 for each in row):
+            break
+    table.add_section()
+    for name, label in (("median", "greatest: median"), ("p95", "greatest: 95 %"), ("max", "greatest: max")):
+        table.add_row(label, *(f"{modes[ALL_MODES][name]:.3f}" for modes in maxima.values()))
+    return table
+
+
+def _modes_table(epsilon: dict[str, Any]) -> Table:
+    """Deviations in each mode: the greatest of an episode, and those of all steps."""
+    table = Table(title="by mode: greatest of an episode (n), and at each step", title_justify="left")
+    for column in ("oracle", "mode", "median", "95 %", "max", "n", "step 50 %", "step 95 %", "steps"):
+        table.add_column(column, justify="left" if column in ("oracle", "mode") else "right")
+    for oracle, modes in epsilon["oracles"].items():
+        for mode, steps in modes.items():
+            of_episodes = epsilon["maxima"][oracle][mode]
+            numbers = [f"{of_episodes[name]:.3f}" for name in ("median", "p95", "max")]
+            of_steps = [f"{steps[name]:.3f}" for name in ("median", "p95")]
+            table.add_row(oracle, mode, *numbers, str(of_episodes["n"]), *of_steps, f"{steps['steps']:,}")
+    return table
+
+
+def _rho_text(rho: float | None) -> str:
+    return "null" if rho is None else f"{rho:g}"

@@ -18,11 +18,16 @@ from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
 from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.speed import SpeedRow, speed_rows
 from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
+from ogmp_sb3.guidance.course import extent
 
 PRINTED_WIDTH = 100  # characters
+ON_TRACKS = "speed_error_mps"  # a metric of every evaluation of modes along a track, and of no other
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,15 @@ class Evaluation:
     """how many episodes each rule ended"""
     title: str = field(default="", compare=False)
     """heading of the first table"""
+    speeds: tuple[SpeedRow, ...] = ()
+    """how well commanded speeds are followed; none for timed modes, and in evaluations of earlier versions"""
+    copies: int = 0
+    """how many more episodes were played that are copies of others"""
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes were played."""
+        return sum(self.terminations.values()) + self.copies
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in ``metrics.json``; without the title."""
@@ -47,26 +61,34 @@ class Evaluation:
             "groups": {group: estimates_as_data(metrics) for group, metrics in self.groups.items()},
             "median_distance_m": self.median_distance_m,
             "terminations": self.terminations,
+            "episodes": self.episodes,
+            "copies": self.copies,
+            "speeds": [row.as_data() for row in self.speeds],
         }
 
     @classmethod
     def from_data(cls, data: dict[str, Any], title: str = "") -> Evaluation:
-        """The evaluation in plain data, which may hold more than that.
+        """The evaluation in plain data, which may hold more than that, or be of an earlier version.
 
         :param data: of :meth:`as_data`, e.g. what ``metrics.json`` holds
         :raises KeyError: if something is missing
         """
         groups = {group: estimates_from_data(metrics) for group, metrics in data["groups"].items()}
         metrics = estimates_from_data(data["metrics"])
-        return cls(metrics, groups, data["median_distance_m"], data["terminations"], title)
+        speeds = tuple(map(SpeedRow.from_data, data.get("speeds", [])))
+        return cls(
+            metrics, groups, data["median_distance_m"], data["terminations"], title, speeds, data.get("copies", 0)
+        )
 
     def __rich__(self) -> Group:
         """The tables, as Rich prints them."""
         ended = ", ".join(f"{cause} {count}" for cause, count in self.terminations.items())
+        copies = copies_text(self.copies, self.episodes)
         return Group(
             _table(self.title, self.metrics),
             *(_table(group, metrics) for group, metrics in self.groups.items()),
-            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m."),
+            *([_speed_table(self.speeds)] if self.speeds else []),
+            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m. {copies}".rstrip()),
         )
 
     def __str__(self) -> str:
@@ -82,6 +104,16 @@ def _table(title: str, metrics: Estimates) -> Table:
     for name, each in metrics.items():
         mean, std, interval = as_text([each.mean]), as_text([each.std]), as_text([each.low, each.high], 3, " .. ")
         table.add_row(name, mean, std, interval, str(each.n))
+    return table
+
+
+def _speed_table(rows: tuple[SpeedRow, ...]) -> Table:
+    table = Table(title="speed along the track, m/s", title_justify="left")
+    for column in ("mode", "commanded", "measured", "error", "95 % interval", "n"):
+        table.add_column(column, justify="left" if column == "mode" else "right")
+    for row in rows:
+        numbers = [as_text([each.mean], 2) for each in (row.commanded, row.measured, row.error)]
+        table.add_row(row.title, *numbers, as_text([row.error.low, row.error.high], 2, " .. "), str(row.error.n))
     return table
 
 
@@ -101,26 +133,30 @@ def evaluate(
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param progress: called with the number of episodes that have just ended
     :raises KeyError: for an unknown task
-    :raises ValueError: if the policy does not fit the task, or for less than one episode
+    :raises ValueError: if the policy or a metric does not fit the task, or for less than one episode
     """
     if episodes < 1:
         raise ValueError(f"'episodes' must be at least 1, found {episodes}.")
     tested = (task if isinstance(task, TaskConfig) else load_task(task)).for_evaluation()
+    metric_names(tested)
     return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress))
 
 
-def measure(task: TaskConfig, records: list[EpisodeRecord]) -> Evaluation:
-    """The evaluation of episodes that were played.
+def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:
+    """The evaluation of episodes that were played; those that are copies of others count once.
 
     :param task: the task they were played on
     """
+    records = distinct(played)
     causes = [record.termination for record in records]
     return Evaluation(
         metrics=estimates(task, records),
         groups=estimates_by_word(task, records),
         median_distance_m=float(np.median([registry.metrics.get("distance_m")(record) for record in records])),
         terminations={cause: causes.count(cause) for cause in sorted(set(causes))},
-        title=heading(task.name, len(records), task.physics_dt),
+        title=heading(task.name, len(played), task.physics_dt),
+        speeds=tuple(speed_rows(records)),
+        copies=len(played) - len(records),
     )
 
 
@@ -132,10 +168,29 @@ def heading(task: str, episodes: int, physics_dt: float) -> str:
     return f"{task}, {episodes} episodes, physics step {physics_dt} s"
 
 
+def metric_names(task: TaskConfig) -> list[str]:
+    """The metrics of a task's evaluation: on a track, how far speeds are from what is commanded is always among them.
+
+    :raises ValueError: if that is among the metrics of timed modes, which command no speed, or the horizon is missing
+    """
+    names = list(task.evaluation.metrics)
+    if task.horizon is None and ON_TRACKS in names:
+        extent(task)
+        raise ValueError(
+            f"{task.file}: 'evaluation.metrics' has '{ON_TRACKS}', which is for modes along a track; those of "
+            f"'{task.name}' take a time."
+        )
+    return names if task.horizon is None or ON_TRACKS in names else [*names, ON_TRACKS]
+
+
 def estimates(task: TaskConfig, records: list[EpisodeRecord]) -> Estimates:
     """Every metric of the task over episodes, with the true objective."""
-    by_name = {name: estimate(_values(registry.metrics, name, records)) for name in task.evaluation.metrics}
-    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records))
+    by_name = {
+        name: estimate(_values(registry.metrics, name, records), limits_of(registry.metrics.get(name)))
+        for name in metric_names(task)
+    }
+    most = highest_objective(task)
+    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records), (None, most))
     return by_name
 
 
@@ -144,12 +199,15 @@ def _values(functions: registry.Registry[Any], name: str, records: list[EpisodeR
 
     :raises FunctionFailed: if its function raises an exception
     :raises TypeError: if it returns anything but a number or a bool
+    :raises ValueError: if the number is not finite
     """
     function, title = functions.get(name), f"{functions.kind} '{name}'"
     for record in records:
         value = call(title, function, record)
-        if not isinstance(value, bool | int | float | np.number | np.bool_):
+        if not isinstance(value, bool | int | float | np.integer | np.floating | np.bool_):
             raise TypeError(f"what {title} returns must be a number, or true or false; it is {answer_text(value)}.")
+        if not np.isfinite(value):
+            raise ValueError(f"what {title} returns must be finite; it is {value:g}.")
         yield value  # type: ignore[misc]
 
 

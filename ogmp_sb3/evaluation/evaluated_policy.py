@@ -110,7 +110,8 @@ class EvaluatedPolicy:
             same = (
                 all(settings[key] == value for key, value in self._settings.items())
                 and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
-                and report["metrics"]["return"]["n"] == episodes
+                and report.get("episodes", report["metrics"]["return"]["n"]) == episodes
+                and "return" in report["metrics"]
             )
             return Evaluation.from_data(report) if same else None
         except (OSError, ValueError, KeyError, TypeError, AttributeError):

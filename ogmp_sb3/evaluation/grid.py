@@ -14,6 +14,7 @@ from ogmp_sb3.config.strict import GREATEST
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.copies import copies_in_sets_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.evaluate import estimates
 from ogmp_sb3.evaluation.statistics import Estimates, estimates_as_data
@@ -151,13 +152,13 @@ def evaluate_cell(
     seed: int,
     progress: Progress | None = None,
 ) -> Estimates:
-    """The metrics of one cell of a grid, on tracks of that cell alone.
+    """The metrics of one cell of a grid, on tracks of that cell alone, over episodes that are no copies of others.
 
     :param task: under the protocol wanted
     :param cell: one of :attr:`Grid.cells`; the rest as for :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
     """
     task = cell_task(task, mode, cell)
-    return estimates(task, play_episodes(policy, task, episodes, seed, progress=progress))
+    return estimates(task, distinct(play_episodes(policy, task, episodes, seed, progress=progress)))
 
 
 def requested_grid(request: Request) -> Grid:
@@ -176,3 +177,12 @@ def measure_grid(request: Request, progress: Progress) -> Report:
     policy, task, episodes, seed = request.policy, request.task, request.episodes, request.seed
     metrics = [evaluate_cell(policy, task, grid.mode, cell, episodes, seed, progress) for cell in grid.cells]
     return {"grid": grid.as_data([estimates_as_data(each) for each in metrics])}
+
+
+def grid_copies_text(grid: dict[str, Any], episodes: int) -> str:
+    """A sentence on episodes that are copies of others; empty if there are none.
+
+    :param grid: of :meth:`Grid.as_data`
+    :param episodes: that were played in each cell
+    """
+    return copies_in_sets_text((cell["metrics"]["true_objective"]["n"] for cell in grid["cells"]), episodes, "cells")

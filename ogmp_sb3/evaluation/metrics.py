@@ -10,6 +10,8 @@ import numpy as np
 from ogmp_sb3.config.registry import metrics, objectives
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.evaluation.speed import mean_over_steps, stretches
+from ogmp_sb3.evaluation.statistics import Limits
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.guidance.srb import GRAVITY
 
@@ -18,10 +20,32 @@ UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
 UPRIGHT_STEPS = 33  # control steps at the end of a dive
 MIN_HEIGHT = 0.3  # m, base over the terrain
 
+Metric = TypeVar("Metric", bound=Callable[[EpisodeRecord], float])
 Objective = TypeVar("Objective", bound=Callable[[EpisodeRecord], float])
 
 
+def limited(least: float | None = None, most: float | None = None) -> Callable[[Metric], Metric]:
+    """Decorator that says what a metric is never below or above, where the interval of its mean is cut off.
+
+    :param least: None: nothing bounds it
+    :param most: None: nothing bounds it
+    """
+
+    def declare(metric: Metric) -> Metric:
+        metric.limits = (least, most)  # type: ignore[attr-defined]
+        return metric
+
+    return declare
+
+
+def limits_of(metric: Callable[[EpisodeRecord], float]) -> Limits:
+    """What a metric is never below and above, as :func:`limited` says."""
+    limits: Limits = getattr(metric, "limits", (None, None))
+    return limits
+
+
 @metrics.register()
+@limited(least=0.0)
 def max_heading_acceleration_g(record: EpisodeRecord) -> float:
     """Largest norm of the base's linear acceleration at control steps, in g (paper: M.H.A.)."""
     return float(np.linalg.norm(record.base_linacc_w, axis=1).max() / GRAVITY)
@@ -34,12 +58,31 @@ def max_heading_speed_mps(record: EpisodeRecord) -> float:
 
 
 @metrics.register()
+@limited(least=0.0)
+def speed_error_mps(record: EpisodeRecord) -> float:
+    """Distance of the speed along the track from the commanded one, m/s: the mean over the control steps, the speed
+    averaged over stretches of at most a second before (:mod:`ogmp_sb3.evaluation.speed`).
+
+    :raises ValueError: for timed modes, which command no speed
+    """
+    first = record.calls[0].segment()
+    if first.timed:
+        raise ValueError("metric 'speed_error_mps' is for modes along a track; these take a time.")
+    parts = stretches(record)
+    if not parts:  # the simulation failed in the first step: the robot has not moved
+        return abs(first.spans[0].velocity[0])
+    return mean_over_steps(parts, lambda part: part.error)
+
+
+@metrics.register()
+@limited(least=0.0)
 def max_froude(record: EpisodeRecord) -> float:
     """Froude number ``v^2 / (g leg_length)`` of the largest heading speed (paper: M.F.)."""
     return max_heading_speed_mps(record) ** 2 / (GRAVITY * record.leg_length)
 
 
 @metrics.register()
+@limited(least=0.0, most=1.0)
 def episode_length_fraction(record: EpisodeRecord) -> float:
     """Steps survived over the time limit (paper: E.L.)."""
     return record.steps / record.max_steps
@@ -64,6 +107,7 @@ def undiscounted_return(record: EpisodeRecord) -> float:
 
 
 @metrics.register()
+@limited(least=0.0)
 def surrogate_objective(record: EpisodeRecord) -> float:
     """``sum ||x - x_ref||`` over position and velocity (paper, sec. III-A); less is better."""
     return float(record.state_error[1:].sum())

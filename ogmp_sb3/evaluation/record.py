@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ogmp_sb3.guidance.sampling import ModeCall
+
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRecord:
@@ -36,6 +38,8 @@ class EpisodeRecord:
     """``||W (x - x_ref)||`` of the permissible-state bound, shape (steps + 1,)"""
     termination: str
     """which rule ended the episode"""
+    control_dt: float
+    """s"""
     max_steps: int
     """time limit, control steps"""
     leg_length: float
@@ -49,3 +53,8 @@ class EpisodeRecord:
     def steps(self) -> int:
         """Control steps survived."""
         return len(self.reward) - 1
+
+    @property
+    def calls(self) -> list[ModeCall]:
+        """The modes in order, as functions with their parameters."""
+        return [ModeCall(str(m["mode"]), {key: m[key] for key in m if key != "mode"}) for m in self.modes]

@@ -13,6 +13,7 @@ from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConf
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.evaluation.analysis import Report, Request
+from ogmp_sb3.evaluation.copies import copies_in_sets_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.metrics import no_fall_fraction
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
@@ -125,7 +126,7 @@ def play_disturbed(
     def no_fall(randomisation: RandomisationConfig | None) -> Estimate:
         disturbed = replace(task, randomisation=randomisation)
         records = play_episodes(policy, disturbed, episodes, seed, max_distance, progress)
-        return estimate(no_fall_fraction(record) for record in records)
+        return estimate(no_fall_fraction(record) for record in distinct(records))
 
     undisturbed = no_fall(None)
     results = []
@@ -166,3 +167,13 @@ def robustness_rows(report: Report) -> list[dict[str, Any]]:
                 "no_fall_fraction": fraction.mean, "ci95_low": fraction.low, "ci95_high": fraction.high,
             })  # fmt: skip
     return rows
+
+
+def robustness_copies_text(report: Report) -> str:
+    """A sentence on episodes that are copies of others; empty if there are none.
+
+    :param report: of :func:`measure_robustness`, with the number of ``episodes`` of a set
+    """
+    points = [point for result in report["robustness"] for point in result["points"]]
+    counted = (point["no_fall_fraction"]["n"] for point in points)
+    return copies_in_sets_text(counted, report["episodes"], "sizes of disturbances")

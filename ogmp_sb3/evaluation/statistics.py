@@ -22,9 +22,9 @@ class Estimate:
     n: int
     """how many numbers"""
     low: float | None
-    """lower end of the interval; None for a single number"""
+    """lower end of the interval; None where there is none, see :func:`estimate`"""
     high: float | None
-    """upper end of the interval; None for a single number"""
+    """upper end of the interval; None where there is none"""
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in JSON files."""
@@ -43,18 +43,36 @@ class Estimate:
 Estimates = dict[str, Estimate]  # by name of the metric
 
 
-def estimate(values: Iterable[float]) -> Estimate:
-    """The mean of numbers: with Wilson's interval if all of them are ``bool``, else with Student's."""
+Limits = tuple[float | None, float | None]
+"""what a number is never below and never above; None: nothing"""
+
+
+def estimate(values: Iterable[float], limits: Limits = (None, None)) -> Estimate:
+    """The mean of numbers: with Wilson's interval if all of them are ``bool``, else with Student's.
+
+    Student's interval is cut off at the limits of the numbers, which their mean cannot be beyond. Of numbers that are
+    all the same it would have no length, although they show nothing of how much such numbers vary: there is none then.
+    But if they are all at one of two limits, it is Wilson's, as if all other numbers were at the other limit.
+
+    :param values: at least one
+    :param limits: of the numbers
+    """
     numbers = list(values)
     x = np.array(numbers, dtype=float)
     n, mean = len(x), float(x.mean())
     std = float(x.std(ddof=1)) if n > 1 else None
     if all(isinstance(number, bool | np.bool_) for number in numbers):
         return Estimate(mean, std, n, *_wilson_interval(int(x.sum()), n))
-    if std is None:
-        return Estimate(mean, None, n, None, None)
+    least, most = limits
+    if std is None or (x == x[0]).all():
+        if least is None or most is None or x[0] not in limits:
+            return Estimate(mean, std, n, None, None)
+        low, high = _wilson_interval(n if x[0] == most else 0, n)
+        return Estimate(mean, std, n, least + (most - least) * low, least + (most - least) * high)
     half = float(stdtrit(n - 1, 0.975)) * std / math.sqrt(n)
-    return Estimate(mean, std, n, mean - half, mean + half)
+    low = mean - half if least is None else min(max(mean - half, least), mean)
+    high = mean + half if most is None else max(min(mean + half, most), mean)
+    return Estimate(mean, std, n, low, high)
 
 
 def _wilson_interval(successes: int, n: int) -> tuple[float, float]:

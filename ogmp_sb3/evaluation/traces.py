@@ -11,7 +11,6 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.course import START_PLATEAU
 from ogmp_sb3.guidance.rotations import quat_rotate
-from ogmp_sb3.guidance.sampling import ModeCall
 
 
 @dataclass(frozen=True)
@@ -83,10 +82,7 @@ def make_trace(record: EpisodeRecord, task: TaskConfig, title: str) -> Trace:
 
 def _ground(record: EpisodeRecord, task: TaskConfig, axis: int) -> list[Ground]:
     """The ground that the modes of an episode lay, cut by the plane."""
-    calls = [
-        ModeCall(str(entry["mode"]), {key: value for key, value in entry.items() if key != "mode"})
-        for entry in record.modes
-    ]
+    calls = record.calls
     segments = [call.segment() for call in calls]
     pieces = [] if segments[0].timed else [Ground("", -START_PLATEAU, 0.0, 0.0)]
     offset = 0.0

@@ -11,6 +11,7 @@ import numpy as np
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.evaluation.copies import copies_in_sets_text, copies_text
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
 from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
@@ -24,6 +25,7 @@ from ogmp_sb3.report.plots.evaluations import plot_grids, plot_terminations
 from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.report.plots.trainings import SMOOTH, plot_training
+from ogmp_sb3.report.speed_section import speed_parts
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.run_directory import Run
@@ -108,11 +110,13 @@ def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) ->
             lambda path: plot_terminations([("", causes)], path),
         )
     )  # fmt: skip
+    parts += speed_parts(result.speeds, out)
     if result.groups:
         names = list(next(iter(result.groups.values())))
         rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in result.groups.items()]
         parts.append(Table(rows, ["", *names], "By the words among the parameters of the first mode."))
-    return Section("Evaluation", protocol(subject.task, episodes, seed), parts)
+    text = f"{protocol(subject.task, episodes, seed)} {copies_text(result.copies, result.episodes)}".rstrip()
+    return Section("Evaluation", text, parts)
 
 
 def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
@@ -123,8 +127,8 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     return (
         f"{task.name}: {episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at "
         f"most {test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode "
-        f"ends earlier only by: {ends or 'nothing'}. Intervals are of the mean, at 95 %: Student's, Wilson's for yes "
-        f"or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
+        f"ends earlier only by: {ends or 'nothing'}. Intervals are of the mean over the episodes, at 95 %: Student's, "
+        f"Wilson's for yes or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
     )
 
 
@@ -181,8 +185,9 @@ def mode_parameters(subject: EvaluatedPolicy, cells: int, episodes: int, seed: i
         means.append(f"{grid.mode} {_mean(inside)} and {_mean(outside)}")
     caption = (
         f"Mean return over two parameters of a mode, {episodes} episodes a cell, each occurrence with values drawn in "
-        f"the cell; the training range outlined. Means over the cells inside and outside of it: {'; '.join(means)}."
-    )
+        f"the cell; the training range outlined. Means over the cells inside and outside of it: {'; '.join(means)}. "
+        f"{copies_in_sets_text((row['n'] for row in rows), episodes, 'cells')}"
+    ).rstrip()
     picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(measured, "return", path))
     text = "Tracks that hold only one mode, with two of its parameters from small ranges, some never trained on."
     return Section("Mode parameters", text, [picture])

@@ -10,6 +10,7 @@ import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.rewards import highest_reward
+from ogmp_sb3.evaluation.copies import copies_in_sets_text
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
@@ -127,8 +128,9 @@ def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: 
     meanings = ", ".join(dict.fromkeys(task.objective for task in tasks))
     caption = (
         f"The surrogate objective, as undiscounted return, and the true objective ({meanings}) against "
-        f"{sweep.line_key}. Bars are 95 % intervals over episodes or, with several seeds, from the least to the "
-        "greatest seed. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
+        f"{sweep.line_key}. Of one training, the bar is the 95 % interval of the mean over its episodes. Of several "
+        "that differ in the seed alone, the point is the mean over the trainings, and the bar goes from the least to "
+        "the greatest of them. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
     )
     if standing is not None:
         caption += f" Grey: {_range(standing)}; a bound beyond it lets the robot stand still."
@@ -213,6 +215,8 @@ def evaluation(
         lambda path: plot_terminations(causes, path),
     )  # fmt: skip
     text = " ".join(dict.fromkeys(protocol(subject.task, episodes, seed) for subject in subjects.values()))
+    counted = (result.episodes - result.copies for _, result in measured)
+    text = f"{text} {copies_in_sets_text(counted, episodes, 'jobs')}".rstrip()
     return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"]), picture])
 
 

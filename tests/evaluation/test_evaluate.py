@@ -17,7 +17,7 @@ from helpers.records import record
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.evaluation.evaluate import Evaluation, estimates_by_word, evaluate, measure
+from ogmp_sb3.evaluation.evaluate import Evaluation, estimates, estimates_by_word, evaluate, measure
 from ogmp_sb3.runs.policies import load_policy
 
 DIVE = load_task("dive")
@@ -86,13 +86,50 @@ def test_each_word_of_the_first_mode_has_its_metrics() -> None:
 def test_evaluations_of_earlier_versions_are_read(tmp_path: Path) -> None:
     each = {"mean": 1.0, "std": None, "n": 1, "ci95": [None, None]}
     data = {"metrics": {"return": each}, "groups": {}, "median_distance_m": 0.0, "terminations": {"fall": 1}}
-    assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == data
+    since = {"episodes": 1, "copies": 0, "speeds": []}
+    assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == {**data, **since}
+
+
+def test_an_evaluation_on_a_track_has_the_error_in_speed_and_a_table_by_mode_whatever_the_task_lists() -> None:
+    task = load_task("parkour", {"evaluation.metrics": ["return"]}).for_evaluation()
+    way = np.outer(np.arange(151) * 0.03, [0.8, 0.0, 0.0])  # 0.8 m/s
+    pace = ({"mode": "pace", "v": 1.0, "length": 9.0},)
+    evaluation = measure(task, [record(base_pos_w=way, modes=pace, track_length=10.0)])
+    assert list(evaluation.metrics) == ["return", "speed_error_mps", "true_objective"]
+    assert evaluation.metrics["speed_error_mps"].mean == pytest.approx(0.2)
+    (row,) = evaluation.speeds
+    assert (row.mode, row.commanded.mean, row.measured.mean) == ("pace", pytest.approx(1.0), pytest.approx(0.8))
+    assert "speed along the track, m/s" in str(evaluation)
+    assert "pace" in str(Evaluation.from_data(json.loads(json.dumps(evaluation.as_data()))))
+
+
+def test_timed_modes_have_no_error_in_speed_and_listing_it_is_refused_before_an_episode_is_played() -> None:
+    evaluation = measure(DIVE.for_evaluation(), [record()])
+    assert evaluation.speeds == () and "speed" not in str(evaluation)
+    with pytest.raises(
+        ValueError, match=r"tasks/dive.yaml: 'evaluation.metrics' has 'speed_error_mps', which is for .* 'dive' take a"
+    ):
+        evaluate(Standing(), load_task("dive", {"evaluation.metrics": ["speed_error_mps"]}))  # type: ignore[arg-type]
+
+
+def test_a_track_without_a_horizon_is_told_that_it_needs_one() -> None:
+    with pytest.raises(ValueError, match="'horizon' must be a number of control steps for modes along a track"):
+        evaluate(Standing(), load_task("parkour", {"horizon": None}))  # type: ignore[arg-type]
+
+
+def test_the_interval_of_the_true_objective_does_not_go_beyond_what_it_can_reach() -> None:
+    task = load_task("parkour").for_evaluation()
+    records = [record(base_pos_w=np.outer(np.linspace(0.0, x, 151), [1.0, 0.0, 0.0]), track_length=10.0,
+                      modes=({"mode": "pace", "v": 1.0, "length": 9.0},)) for x in (9.0, 11.0, 12.0, 10.5)]  # fmt: skip
+    objective = estimates(task, records)["true_objective"]
+    assert (objective.mean, objective.high) == (9.75, 10.0)
 
 
 @pytest.mark.parametrize(
     ("value", "message"),
     [
         (None, "^what metric 'mine' returns must be a number, or true or false; it is nothing"),
+        (1j, "^what metric 'mine' returns must be a number, or true or false; it is"),
         (np.zeros(3), r"^what metric 'mine' returns .* it is an array of shape \(3,\) of float64"),
     ],
 )
@@ -102,6 +139,10 @@ def test_a_metric_that_gives_no_number_is_named(value: Any, message: str, monkey
     monkeypatch.setitem(registry.metrics._functions, "mine", lambda record: value)
     with pytest.raises(TypeError, match=message):
         measure(task, [record()])
+    for wrong, text in ((float("nan"), "nan"), (np.float32("-inf"), "-inf")):
+        monkeypatch.setitem(registry.metrics._functions, "mine", lambda record, wrong=wrong: wrong)
+        with pytest.raises(ValueError, match=f"^what metric 'mine' returns must be finite; it is {text}.$"):
+            measure(task, [record()])
     monkeypatch.setitem(registry.metrics._functions, "mine", lambda record: record.nonsense)
     with pytest.raises(FunctionFailed, match=r"^metric 'mine' failed in line \d+ .*: AttributeError: .* 'nonsense'\.$"):
         measure(task, [record()])

@@ -62,13 +62,28 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(
     left = json.loads((copy / "evaluation" / "metrics.json").read_text())
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments, **named: MEASURED)
     found = subject(copy, SHORT).evaluation(3, 0, lambda n: None)
-    assert found.as_data() == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
+    assert found.as_data() == {key: left[key] for key in found.as_data()}
     for overrides, episodes, seed in (([], 3, 0), ([SHORT], 2, 0), ([SHORT], 3, 1)):
         assert subject(copy, *overrides).evaluation(episodes, seed, lambda n: None) == MEASURED
     for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}, {"groups": None}):
         (copy / "evaluation" / "metrics.json").write_text(json.dumps({**left, **change}))
         (copy / "evaluation" / "results.jsonl").unlink()
         assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == MEASURED
+
+
+def test_what_an_earlier_version_of_ogmp_eval_left_is_used_and_copies_count_as_played(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert program("eval", f"run={copy}", "episodes=3", SHORT, cwd=tmp_path).returncode == 0
+    file = copy / "evaluation" / "metrics.json"
+    left = json.loads(file.read_text())
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
+    earlier = {key: value for key, value in left.items() if key not in ("episodes", "copies", "speeds")}
+    for since, played in (({}, 3), ({"episodes": 7, "copies": 4}, 7)):
+        file.write_text(json.dumps({**earlier, **since}))
+        found = subject(copy, SHORT).evaluation(played, 0, lambda n: None)
+        assert (found.copies, found.episodes, found.speeds) == (played - 3, played, ())
+        (copy / "evaluation" / "results.jsonl").unlink()
 
 
 def test_results_lie_in_the_file_as_plain_data(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,15 @@ from scipy.spatial.transform import Rotation
 from helpers.records import DIRECTIONS, STEPS, ramp, record, turn
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.evaluation.metrics import UPRIGHT_STEPS, flip_and_land, flip_angle, highest_objective, track_displacement
+from ogmp_sb3.evaluation.metrics import (
+    UPRIGHT_STEPS,
+    flip_and_land,
+    flip_angle,
+    highest_objective,
+    limited,
+    limits_of,
+    track_displacement,
+)
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.modes import FLIP_SPEED, flip
 
@@ -178,12 +186,20 @@ def test_success_needs_the_whole_episode(cause: str) -> None:
 def test_metrics_leave_the_record_alone() -> None:
     episode = record(base_quat=-turn("left", ramp(2 * np.pi)))
     before = episode.base_quat.copy()
-    for name in registry.metrics.names():
+    for name in set(registry.metrics.names()) - {"speed_error_mps"}:  # which is for tracks
         assert np.isfinite(metric(name, episode))
     np.testing.assert_array_equal(episode.base_quat, before)
 
 
 # ---- bounds ----
+
+
+def test_a_metric_is_within_the_limits_that_it_declares() -> None:
+    """The interval of its mean is cut off there."""
+    assert limits_of(registry.metrics.get("episode_length_fraction")) == (0.0, 1.0)
+    assert limits_of(registry.metrics.get("speed_error_mps")) == (0.0, None)
+    assert limits_of(registry.metrics.get("distance_m")) == (None, None)  # one may go backwards
+    assert limits_of(limited(most=3.0)(lambda record: 2.0)) == (None, 3.0)
 
 
 def test_the_true_objective_is_measured_against_the_test_track_or_one_dive() -> None:

@@ -34,11 +34,31 @@ def test_yes_or_no_has_wilson_s_interval(yes: int, n: int) -> None:
 
 
 def test_numbers_that_happen_to_be_0_or_1_are_no_yes_or_no() -> None:
-    assert (estimate([1.0, 1.0, 1.0]).low, estimate([1.0, 1.0, 1.0]).high) == (1.0, 1.0)
     assert estimate([0.0, 1.0]).high > 1.0
     records = [record(), record(termination="fall")]
     assert estimate(registry.metrics.get("no_fall_fraction")(r) for r in records).high < 1.0
     assert estimate(flip_and_land(r) for r in records).high < 1.0
+
+
+def test_an_interval_is_cut_off_at_the_limits_of_the_numbers() -> None:
+    values = [1.0, 1.0, 0.9, 0.4]
+    free, cut = estimate(values), estimate(values, (0.0, 1.0))
+    assert free.high is not None and free.high > 1.0
+    assert (cut.low, cut.high) == (free.low, 1.0)
+    assert estimate([0.1, 0.0, 0.5], (0.0, None)).low == 0.0
+    beyond = estimate([9.0, 11.0], (None, 10.0 - 1.0))  # limits that do not hold
+    assert beyond.low is not None and beyond.high is not None
+    assert beyond.low <= beyond.mean <= beyond.high
+
+
+@pytest.mark.parametrize("n", [1, 3, 50])
+def test_numbers_that_are_all_the_same_do_not_make_their_mean_certain(n: int) -> None:
+    assert (estimate([2.5] * n).low, estimate([2.5] * n).high) == (None, None)
+    assert estimate([0.5] * n, (0.0, 1.0)).low is None
+    for end, yes in ((4.0, True), (2.0, False)):
+        found, share = estimate([end] * n, (2.0, 4.0)), estimate([yes] * n)
+        assert share.low is not None and share.high is not None
+        np.testing.assert_allclose([found.low, found.high], [2.0 + 2.0 * share.low, 2.0 + 2.0 * share.high])
 
 
 def test_one_number_has_no_interval_and_tables_show_a_dash() -> None:

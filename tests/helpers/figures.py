@@ -20,5 +20,5 @@ def drawn_figures(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> list[F
 
 def bars(axes: Any) -> np.ndarray:
     """The ends of error bars: x, low and high of each, shape (bars, 3)."""
-    (lines,) = (child for child in axes.get_children() if isinstance(child, LineCollection))
-    return np.array([[ends[0][0], ends[0][1], ends[1][1]] for ends in lines.get_segments()])
+    lines = [child for child in axes.get_children() if isinstance(child, LineCollection)]
+    return np.array([[ends[0][0], ends[0][1], ends[1][1]] for each in lines for ends in each.get_segments()])

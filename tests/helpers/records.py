@@ -38,6 +38,7 @@ def record(direction: str = "front", total: float = 2 * np.pi, **fields: Any) ->
         "phase": np.arange(STEPS + 1),
         "deviation": np.zeros(STEPS + 1),
         "termination": "time_limit",
+        "control_dt": 0.03,
         "max_steps": STEPS,
         "leg_length": 0.459,
         "track_length": None,

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
 from ogmp_sb3.evaluation.traces import Trace
 from ogmp_sb3.report import run_sections
@@ -41,6 +42,14 @@ def test_a_file_of_metrics_has_a_row_for_each_group_and_metric() -> None:
 def test_mean_and_interval_fit_one_cell() -> None:
     assert run_sections.interval(Estimate(1.0, 0.5, 4, 0.25, 2.0)) == f"1.00 [0.25,{run_sections.THIN}2.00]"
     assert run_sections.interval(estimate([3.0])) == "3.00 [-]"
+
+
+def test_the_evaluation_says_that_copies_count_once(tmp_path: Path) -> None:
+    each = {"return": Estimate(1.0, 0.5, 4, 0.0, 2.0)}
+    found = Evaluation(each, {}, 0.0, {"fall": 4}, copies=12)
+    subject = SimpleNamespace(task=PARKOUR, evaluation=lambda episodes, seed, progress: found)
+    section = run_sections.evaluation(subject, 16, 0, tmp_path)  # type: ignore[arg-type]
+    assert section.text.endswith("12 of 16 episodes are copies of others and count once.")
 
 
 @pytest.mark.parametrize(("cell", "trained"), [([0.0, 0.25], False), ([0.25, 0.75], True), ([0.0, 9.0], True)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from ogmp_sb3.report.plots.style import CAUSE_COLOURS, COLOURS, colours_of, save
+from ogmp_sb3.evaluation.speed import SpeedRow
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, COLOURS, MODE_COLOURS, colours_of, save
 
 
 def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
@@ -65,6 +67,55 @@ def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
         axes.set_ylabel("episodes without a fall")
     if any(result["declared"] for result in results):
         figure.suptitle("Grey: declared in the task", fontsize="medium")
+    save(figure, path)
+
+
+def plot_speeds(speeds: Sequence[SpeedRow], path: Path) -> None:
+    """Measured against commanded speed of each mode, in bands of the command if there are, with 95 % intervals.
+
+    :param speeds: of an evaluation
+    :param path: picture to write
+    """
+    modes = dict.fromkeys(row.mode for row in speeds)
+    colours = colours_of(modes, MODE_COLOURS)
+    figure, axes = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
+    for mode in modes:
+        of_mode = [row for row in speeds if row.mode == mode]
+        points = [row for row in of_mode if row.band is not None] or of_mode
+        x, y = (np.array([getattr(row, name).mean for row in points]) for name in ("commanded", "measured"))
+        ends = np.array([[row.measured.low, row.measured.high] for row in points], dtype=float).T  # None: nan
+        colour = colours[mode]
+        axes.errorbar(x, y, np.abs(ends - y), fmt="o-", markersize=4, capsize=3, color=colour, label=mode)
+    most = 1.1 * max(max(row.commanded.mean, row.measured.mean) for row in speeds)
+    axes.plot([0.0, most], [0.0, most], ":", color="0.5", label="as commanded")
+    axes.set(xlabel="commanded (m/s)", ylabel="measured (m/s)", xlim=(0.0, most), ylim=(0.0, most), aspect="equal")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    save(figure, path)
+
+
+def plot_epsilon(epsilon: dict[str, Any], path: Path) -> None:
+    """Share of whole episodes that stay within a bound over the bound, for each oracle, with 95 % intervals.
+
+    :param epsilon: ``epsilon`` of an evaluation's ``epsilon.json``
+    :param path: picture to write
+    """
+    colours = colours_of(epsilon["maxima"], COLOURS)
+    figure, axes = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    for oracle, modes in epsilon["maxima"].items():
+        shares = modes["all"]["within"]
+        mean = np.array([share["mean"] for share in shares])
+        interval = np.array([share["ci95"] for share in shares]).T
+        rho, errors, colour = [share["rho"] for share in shares], np.abs(interval - mean), colours[oracle]
+        axes.errorbar(rho, mean, errors, marker="o", markersize=4, capsize=3, color=colour, label=oracle)
+    trained = epsilon["trained_with"]["rho"]
+    if trained is not None:
+        axes.axvline(trained, color="0.5", linestyle=":", label=f"trained with ρ = {trained:g}")
+    axes.set(xlabel="ρ", ylabel="whole episodes within ρ", ylim=(-0.03, 1.03))
+    axes.set_title(f"n = {epsilon['episodes']}")
+    axes.grid(alpha=0.3)
+    if epsilon["maxima"] or trained is not None:
+        axes.legend(loc="lower right")
     save(figure, path)
 
 

@@ -267,7 +267,7 @@ def test_eval_reports_every_metric_with_its_interval(run: Path, tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "metrics.json").read_text())
     wanted = {"max_heading_acceleration_g", "max_heading_speed_mps", "max_froude", "episode_length_fraction"}
-    wanted |= {"no_fall_fraction", "distance_m", "return", "surrogate_objective", "true_objective"}
+    wanted |= {"no_fall_fraction", "distance_m", "return", "surrogate_objective", "true_objective", "speed_error_mps"}
     assert set(report["metrics"]) == wanted
     for summary in report["metrics"].values():
         assert summary["n"] == 6
