@@ -308,7 +308,7 @@ class BatchEnv:
         :param targets: joint positions, shape (num_envs, joints), rad
         :param rows: these only, or None for all
         """
-        self.sim.ctrl[:, self.sim.actuators] = self.disturbances.delayed(targets)
+        self.sim.set_targets(self.disturbances.delayed(targets))
         self.sim.push(*self.disturbances.kicks(self.step_count, rows))
         self.sim.step(rows, self.task.substeps)
 

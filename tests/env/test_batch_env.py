@@ -184,7 +184,7 @@ def test_an_action_is_an_offset_of_the_nominal_pose_in_rad() -> None:
     env.reset()
     command = np.linspace(-1, 1, 10)[None]
     view = env.step(command).view
-    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.actuators], 0.5 * command[0])
+    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.servos.ctrl], 0.5 * command[0])
     expected = 30.0 * (0.5 * command - view.joint_pos) - 0.5 * view.joint_vel
     np.testing.assert_allclose(view.torque, expected)
 
