@@ -12,6 +12,7 @@ from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.env.ground_contacts import add_missing_sensors, ground_bits
 from ogmp_sb3.env.servos import read_servos
+from ogmp_sb3.guidance.rotations import quat_rotate
 from ogmp_sb3.guidance.srb import GRAVITY
 from ogmp_sb3.guidance.terrain import NOTHING
 
@@ -19,6 +20,7 @@ TERRAIN_FRICTION = (1.0, 0.005, 0.0001)  # sliding, torsional, rolling: MuJoCo's
 NEEDED = {"contact": "CONTACT", "constraint": "CONSTRAINT", "actuation": "ACTUATION", "gravity": "GRAVITY"}
 FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
 VISIBLE_GROUPS = (0, 1, 2)  # MuJoCo's default: geoms of the other groups are not drawn
+UPRIGHT = 0.7  # cosine of the tilt that a base may have in the file
 GRAVITY_TOLERANCE = 0.05  # m/s^2: 9.8 is as good as 9.81
 
 
@@ -38,8 +40,9 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
         _prepare(spec, physics_dt, visual)
         alone = spec.compile()
     _check_names(alone, robot)
-    _check_whole(alone, robot)
     _check_options(alone, robot)
+    _check_base(alone, robot)
+    _check_surroundings(alone, robot)
     read_servos(alone, robot)
     bits = ground_bits(alone, robot)
     add_missing_sensors(spec, alone, robot, bits)
@@ -54,7 +57,8 @@ def _in_the_file(robot: RobotConfig) -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError) as error:
-        raise ValueError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
+        sentence = " ".join(str(error).split()).partition(" The visual elements of the spec were discarded")[0]
+        raise ValueError(f"{robot.mjcf_path}: {sentence}") from None
 
 
 def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
@@ -71,7 +75,7 @@ def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
     spec.compiler.discardvisual = not visual and all(b.compiler.inertiafromgeom != inferred for b in spec.bodies)
     spec.compiler.fusestatic = False  # feet may be static
     for i, body in enumerate(spec.bodies):
-        body.name = body.name or f"body_{i}"  # for sensors
+        body.name = body.name or f"unnamed body {i}"  # for sensors
     for joint in spec.joints:
         joint.align = mujoco.mjtAlignFree.mjALIGNFREE_FALSE  # the base's frame is that of the file
     for geom in spec.geoms:
@@ -116,31 +120,37 @@ def _check_names(model: mujoco.MjModel, robot: RobotConfig) -> None:
                 raise ValueError(f"{robot.mjcf_path}: no {kind} '{name}'{did_you_mean(name, names)}")
 
 
-def _check_whole(model: mujoco.MjModel, robot: RobotConfig) -> None:
-    """Refuse a base that is held, and what is not of the robot but touches or moves."""
+def _check_base(model: mujoco.MjModel, robot: RobotConfig) -> None:
     base = model.body(robot.base)
     if model.body_jntnum[base.id] != 1 or model.jnt_type[base.jntadr[0]] != mujoco.mjtJoint.mjJNT_FREE:
         raise ValueError(f"{robot.mjcf_path}: the base '{robot.base}' must have a free joint.")
-    for i in np.flatnonzero(model.body_rootid[model.jnt_bodyid] != base.id)[:1].tolist():
-        body = model.body(int(model.jnt_bodyid[i])).name
+    up = quat_rotate(base.quat, np.array([0.0, 0.0, 1.0]))
+    if up[2] < UPRIGHT:
         raise ValueError(
-            f"{robot.mjcf_path}: body '{body}' moves, but is not of the robot (below '{robot.base}'); remove it."
+            f"{robot.mjcf_path}: the z axis of the base '{robot.base}' must point up, "
+            f"but is tilted by {np.degrees(np.arccos(up[2])):.0f}° there."
         )
+
+
+def _check_surroundings(model: mujoco.MjModel, robot: RobotConfig) -> None:
+    """Refuse what is not of the robot, but moves, can touch it or holds it."""
+    base, root = model.body(robot.base).id, model.body_rootid
+    other = f"is not of the robot (below '{robot.base}'); remove it"
+    for i in np.flatnonzero(root[model.jnt_bodyid] != base)[:1].tolist():
+        raise ValueError(f"{robot.mjcf_path}: body '{model.body(int(model.jnt_bodyid[i])).name}' moves, but {other}.")
     collides = (model.geom_contype | model.geom_conaffinity) != 0
     collides[np.concatenate([model.pair_geom1, model.pair_geom2])] = True
-    for i in np.flatnonzero(collides & (model.body_rootid[model.geom_bodyid] != base.id))[:1].tolist():
+    for i in np.flatnonzero(collides & (root[model.geom_bodyid] != base))[:1].tolist():
         body = model.body(int(model.geom_bodyid[i])).name
         owner = "the world" if body == "world" else f"body '{body}'"
-        raise ValueError(
-            f"{robot.mjcf_path}: geom '{model.geom(i).name or i}' of {owner} collides, but is not of the robot "
-            f"(below '{robot.base}'); remove it: the ground is the task's."
-        )
+        geom = f"geom '{model.geom(i).name or i}' of {owner}"
+        raise ValueError(f"{robot.mjcf_path}: {geom} collides, but {other}: the ground is the task's.")
     for i in np.flatnonzero(model.eq_active0).tolist():
-        ends = [_body_of(model, int(model.eq_objtype[i]), int(end)) for end in (model.eq_obj1id[i], model.eq_obj2id[i])]
-        if None not in ends and {int(model.body_rootid[end]) for end in ends} == {0, base.id}:
-            raise ValueError(
-                f"{robot.mjcf_path}: equality '{model.equality(i).name or i}' holds the robot to the world; remove it."
-            )
+        kind, ends = int(model.eq_objtype[i]), (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+        bodies = [body for end in ends if (body := _body_of(model, kind, end)) is not None]
+        if len({int(root[body]) for body in bodies}) > 1:
+            name = model.equality(i).name or i
+            raise ValueError(f"{robot.mjcf_path}: equality '{name}' ties the robot to what {other}.")
 
 
 def _body_of(model: mujoco.MjModel, kind: int, i: int) -> int | None:

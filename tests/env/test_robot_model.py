@@ -153,12 +153,27 @@ ROOT_JOINT = '<freejoint name="root"/>'
         (WORLD, WORLD + BALL, "body 'ball' moves, but is not of the robot"),
         (ROOT_JOINT, "", "the base 'trunk' must have a free joint"),
         (ROOT_JOINT, '<joint type="slide" axis="0 0 1"/>', "the base 'trunk' must have a free joint"),
-        ("<sensor>", '<equality><weld name="stand" body1="trunk"/></equality><sensor>', "'stand' holds the robot"),
+        (
+            "<sensor>",
+            '<equality><weld name="stand" body1="trunk"/></equality><sensor>',
+            "'stand' ties the robot to what is not",
+        ),
         (
             "<sensor>",
             '<equality><connect body1="FL_foot" body2="world" anchor="0 0 0"/></equality><sensor>',
-            "'0' holds",
+            "'0' ties the robot to what",
         ),
+        (
+            WORLD,
+            f'<equality><weld body1="trunk" body2="post"/></equality>{WORLD}<body name="post"/>',
+            "equality '0' ties the robot to what is not of the robot",
+        ),
+        (
+            'name="trunk" pos',
+            'name="trunk" quat="1 1 0 0" pos',
+            "z axis of the base 'trunk' must .* tilted by 90° there",
+        ),
+        (COMPILER, with_attributes(COMPILER, 'inertiagrouprange="1 1"'), r"larger than mjMINVAL .* line 58$"),
         ('name="trunk" pos', 'name="trunk" gravcomp="1" pos', "body 'trunk' has gravcomp"),
         (
             OPTION,
@@ -195,6 +210,8 @@ def test_a_floor_that_a_pair_lets_collide_is_refused(tmp_path: Path) -> None:
     [
         [(WORLD, f'{WORLD}<body name="goal" mocap="true"><geom size="1" contype="0" conaffinity="0"/></body>')],
         [("<sensor>", '<equality><weld body1="trunk" active="false"/></equality><sensor>')],
+        [("<sensor>", '<equality><connect body1="FL_foot" body2="FR_foot" anchor="0 0 0"/></equality><sensor>')],
+        [('name="trunk" pos', 'name="trunk" quat="1 0 0 1" pos')],
         [("<sensor>", '<equality><joint joint1="FL_hip_roll" joint2="FR_hip_roll"/></equality><sensor>')],
         [(OPTION, 'cone="elliptic" gravity="0 0 -9.8" impratio="10"/>'), ("implicitfast", "RK4")],
         [(JOINTS, with_attributes(JOINTS, 'stiffness="2" springref="0.1"'))],
