@@ -74,7 +74,6 @@ def _ground_sensors(model: mujoco.MjModel) -> list[int]:
     return np.flatnonzero(
         (model.sensor_type == int(mujoco.mjtSensor.mjSENS_CONTACT))
         & (model.sensor_objtype == body)
-        & (model.sensor_objid > 0)
         & (model.sensor_reftype == body)
         & (model.sensor_refid == 0)
         & (model.sensor_intprm[:, 0] & FOUND > 0)

@@ -76,8 +76,6 @@ def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
     spec.compiler.fusestatic = False  # feet may be static
     for i, body in enumerate(spec.bodies):
         body.name = body.name or f"unnamed body {i}"  # for sensors
-    for joint in spec.joints:
-        joint.align = mujoco.mjtAlignFree.mjALIGNFREE_FALSE  # the base's frame is that of the file
     for geom in spec.geoms:
         if not geom.adhesion:
             geom.gap = 0.0  # contacts in the gap have no force, but sensors would count them

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from helpers.robots import FEET, GEOMS, PUP, TRUNK_SENSOR, variant, with_attributes
+from helpers.robots import COMPILER, FEET, GEOMS, PUP, TRUNK_SENSOR, variant, with_attributes
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.env.ground_contacts import body_contact_addresses
@@ -131,11 +131,19 @@ def test_only_bodies_on_the_ground_are_felt_whatever_other_sensors_say(sensor: s
     assert can_be_felt(variant(tmp_path, (TRUNK_SENSOR, other)))
 
 
-@pytest.mark.parametrize("shank", ['<body name="FL_shank"', "<body"])
-def test_a_robot_without_sensors_feels_what_the_example_feels(shank: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("found", "written"),
+    [
+        ('<body name="FL_shank"', '<body name="FL_shank"'),
+        ('<body name="FL_shank"', "<body"),
+        (COMPILER, with_attributes(COMPILER, 'fusestatic="true"')),
+    ],
+    ids=["names", "a body without a name", "feet fused with shanks"],
+)
+def test_a_robot_without_sensors_feels_what_the_example_feels(found: str, written: str, tmp_path: Path) -> None:
     mjcf = PUP.mjcf_path.read_text(encoding="utf-8")
     sensors = mjcf[mjcf.index("  <sensor>") : mjcf.index("</sensor>") + len("</sensor>")]
-    robot = variant(tmp_path, (sensors, ""), ('<body name="FL_shank"', shank))
+    robot = variant(tmp_path, (sensors, ""), (found, written))
     model, example = build_model(robot, DT, 1), build_model(PUP, DT, 1)
     of_bodies = model.sensor_objid[np.isin(model.sensor_adr, body_contact_addresses(model, robot))]
     theirs = example.sensor_objid[np.isin(example.sensor_adr, body_contact_addresses(example, PUP))]
