@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import mujoco
@@ -143,19 +143,28 @@ def _check_surroundings(model: mujoco.MjModel, robot: RobotConfig) -> None:
         owner = "the world" if body == "world" else f"body '{body}'"
         geom = f"geom '{model.geom(i).name or i}' of {owner}"
         raise ValueError(f"{robot.mjcf_path}: {geom} collides, but {other}: the ground is the task's.")
+    for tie, bodies in _ties(model):
+        if len(set(root[bodies].tolist())) > 1:
+            raise ValueError(f"{robot.mjcf_path}: {tie} ties the robot to what {other}.")
+    for foot in robot.feet:
+        if root[model.body(foot).id] != base:
+            raise ValueError(f"{robot.mjcf_path}: foot '{foot}' is not of the robot (below '{robot.base}').")
+
+
+def _ties(model: mujoco.MjModel) -> Iterator[tuple[str, list[int]]]:
+    """What ties bodies together: constraints of bodies or sites, and tendons along sites; each with its bodies."""
+    body_of: dict[int, Callable[[int], int]] = {
+        int(mujoco.mjtObj.mjOBJ_BODY): int,
+        int(mujoco.mjtObj.mjOBJ_SITE): lambda site: int(model.site_bodyid[site]),
+    }
     for i in np.flatnonzero(model.eq_active0).tolist():
-        kind, ends = int(model.eq_objtype[i]), (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
-        bodies = [body for end in ends if (body := _body_of(model, kind, end)) is not None]
-        if len({int(root[body]) for body in bodies}) > 1:
-            name = model.equality(i).name or i
-            raise ValueError(f"{robot.mjcf_path}: equality '{name}' ties the robot to what {other}.")
-
-
-def _body_of(model: mujoco.MjModel, kind: int, i: int) -> int | None:
-    """The body of an end of a constraint, if it is at a body or site."""
-    if kind == mujoco.mjtObj.mjOBJ_SITE:
-        return int(model.site_bodyid[i])
-    return i if kind == mujoco.mjtObj.mjOBJ_BODY else None
+        of = body_of.get(int(model.eq_objtype[i]))
+        if of is not None:
+            yield f"equality '{model.equality(i).name or i}'", [of(model.eq_obj1id[i]), of(model.eq_obj2id[i])]
+    for i in range(model.ntendon):
+        path = slice(model.tendon_adr[i], model.tendon_adr[i] + model.tendon_num[i])
+        sites = model.wrap_objid[path][model.wrap_type[path] == int(mujoco.mjtWrap.mjWRAP_SITE)]
+        yield f"tendon '{model.tendon(i).name or i}'", model.site_bodyid[sites].tolist()
 
 
 def _check_options(model: mujoco.MjModel, robot: RobotConfig) -> None:

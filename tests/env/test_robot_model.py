@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -196,6 +197,22 @@ def test_a_model_that_would_not_do_what_the_task_asks_is_refused(
         build_model(robot, PHYSICS_DT, 1)
     assert str(caught.value).startswith(f"{robot.mjcf_path}: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("end", "refused"), [("up", True), ("front", False)])
+def test_a_tendon_may_tie_the_robot_to_itself_alone(end: str, refused: bool, tmp_path: Path) -> None:
+    tendon = f'<tendon><spatial name="cord"><site site="{end}"/><site site="back"/></spatial></tendon><sensor>'
+    sites = (TRUNK, f'<site name="front" pos="0.2 0 0"/><site name="back"/>{TRUNK}')
+    robot = variant(tmp_path, ("<sensor>", tendon), sites, (WORLD, f'{WORLD}<site name="up" pos="0 0 2"/>'))
+    with pytest.raises(ValueError, match="tendon 'cord' ties the robot to") if refused else nullcontext():
+        build_model(robot, PHYSICS_DT, 1)
+
+
+@pytest.mark.parametrize("foot", ["world", "post"])
+def test_a_foot_is_of_the_robot(foot: str, tmp_path: Path) -> None:
+    robot = variant(tmp_path, (WORLD, f'{WORLD}<body name="post"/>'), feet=("FL_foot", foot))
+    with pytest.raises(ValueError, match=f"foot '{foot}' is not of the robot"):
+        build_model(robot, PHYSICS_DT, 1)
 
 
 def test_a_floor_that_a_pair_lets_collide_is_refused(tmp_path: Path) -> None:
