@@ -21,7 +21,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
-from ogmp_sb3.env.robot_check import Stand, model_srb, stand
+from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
 from ogmp_sb3.evaluation.evaluate import metric_names
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
@@ -37,6 +37,8 @@ LONGEST = 10.0  # s, of a reference along the track that is drawn: at rest it ha
 PLACE = ("num_timesteps", "environment", "seed", "control_step")  # of a step in which a simulation failed
 DECIDING = ("ogmp_sb3", "mujoco")  # versions that a simulation depends on
 SAME = 0.01  # relative difference up to which a robot's file and model agree
+DEEPEST, HIGHEST = -0.02, 0.3  # m above the ground, of the lowest foot at the nominal height
+FALLEN = np.radians(60.0)  # tilt from which a robot does not stand
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +113,9 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
         table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
     robot = task.robot_config
     table.add_row("robot", f"{robot.name}: {rigid_body(robot, model_srb(robot, env.sim.model))}")
+    wrong_height = height(robot, foot_clearance(robot, task.physics_dt))
+    if wrong_height:
+        table.add_row("nominal height", wrong_height)
     standing, dropped = stand(robot, task.physics_dt, (0.0, DROP))
     table.add_row("nominal pose", f"held for 1 s: {stance(standing)}")
     table.add_row(f"dropped {DROP:g} m", f"after 1 s: {stance(dropped)}")
@@ -130,11 +135,29 @@ def rigid_body(robot: RobotConfig, model: SRB) -> str:
     return f"srb in {robot.path.name} should be {{mass: {model.mass:.6g}, inertia: [{inertia}]}}"
 
 
+def height(robot: RobotConfig, clearance: float) -> str | None:
+    """What ``nominal_height`` in robot.yaml must be, if it puts the feet far from the ground.
+
+    :param clearance: of the lowest foot, m
+    """
+    if DEEPEST <= clearance <= HIGHEST:
+        return None
+    place = f"{abs(clearance):.2f} m {'above' if clearance > 0 else 'under'} the ground"
+    return f"{robot.nominal_height - clearance:.3f} in {robot.path.name} puts the feet on the ground; they are {place}"
+
+
 def stance(stand: Stand) -> str:
     """What became of a robot on its servos alone."""
     if stand.unstable:
         return "the simulation is unstable"
-    feet = "other bodies than feet touched the ground" if stand.body_contact else "on its feet"
+    if stand.height < 0.0:
+        feet = "fell through the ground"
+    elif stand.body_contact:
+        feet = "other bodies than feet touched the ground"
+    elif not stand.feet_contact:
+        feet = "no foot touches the ground"
+    else:
+        feet = "on its feet" if stand.tilt < FALLEN else "fallen over"
     return f"base at {stand.height:.2f} m, tilted {np.degrees(stand.tilt):.0f}°, {feet}"
 
 

@@ -24,13 +24,13 @@ class RobotConfig:
     base: str
     """the body with the free joint; its origin is p in the paper's reward"""
     joints: tuple[str, ...]
-    """actuated joints, in the order of actions and observations; actuators have the same names"""
+    """actuated joints, in the order of actions and observations; each has one actuator, a position servo"""
     feet: tuple[str, ...]
-    """bodies that may touch the ground"""
+    """bodies that may touch the ground, with all that is below them"""
     nominal_height: float
     """base above flat ground in the nominal pose, m"""
     nominal_joints: tuple[float, ...]
-    """joint positions of the nominal pose, rad"""
+    """joint positions of the nominal pose, rad; within the ranges of joints and servos"""
     leg_length: float
     """for the Froude number, m"""
     srb: SRB

@@ -10,7 +10,9 @@ from mujoco.batch import Batch, SimulationError
 
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.env.events import NOTHING, Events
+from ogmp_sb3.env.ground_contacts import body_contact_addresses
 from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.servos import read_servos
 from ogmp_sb3.guidance.terrain import geom_boxes
 
 # We count, report and keep simulations that fail; MuJoCo would print each and leave MUJOCO_LOG.TXT in the user's
@@ -37,22 +39,19 @@ class Simulation:
         self.qpos = self.mj.bind("qpos")
         self.qvel = self.mj.bind("qvel")
         self.ctrl = self.mj.bind("ctrl")
+        self._act = self.mj.bind("act")
         self.qacc = self.mj.bind("qacc")
         self._sensors = self.mj.bind("sensordata")
 
         model = self.model
         free = model.body(robot.base).jntadr[0]
-        if free < 0 or model.jnt_type[free] != mujoco.mjtJoint.mjJNT_FREE:
-            raise ValueError(f"{robot.mjcf_path}: the base '{robot.base}' must have a free joint.")
         self.base_qpos = int(model.jnt_qposadr[free])
         self.base_qvel = int(model.jnt_dofadr[free])
         self.joint_qpos = np.array([model.joint(name).qposadr[0] for name in robot.joints])
         self.joint_qvel = np.array([model.joint(name).dofadr[0] for name in robot.joints])
-        self.actuators = np.array([model.actuator(name).id for name in robot.joints])
-        self.kp = model.actuator_gainprm[self.actuators, 0].copy()
-        self.kd = -model.actuator_biasprm[self.actuators, 2].copy()
+        self.servos = read_servos(model, robot)
         self.gain_factor = np.ones((num_envs, 1))  # on both gains, see vary
-        self._body_contacts = self._contact_addresses(robot)
+        self._body_contacts = body_contact_addresses(model, robot)
 
         self._first_box = model.geom("terrain_0").id
         self._boxes = slice(self._first_box, self._first_box + terrain_boxes)
@@ -65,23 +64,6 @@ class Simulation:
         """states, with their controls, as they were before the last step, shape (num_envs, size)"""
         self.events = NOTHING, NOTHING
         """joint targets and kicks of the last step, as :meth:`step` took them"""
-
-    def _contact_addresses(self, robot: RobotConfig) -> np.ndarray:
-        """Addresses of the contact sensors of all bodies but the feet."""
-        sensors = [self.model.sensor(i) for i in range(self.model.nsensor)]
-        contacts = [s for s in sensors if s.type[0] == mujoco.mjtSensor.mjSENS_CONTACT]
-        if not contacts:
-            raise ValueError(f"{robot.mjcf_path}: no contact sensors; each body that may touch the ground needs one.")
-        bodies = {s.id: self.model.body(int(self.model.sensor_objid[s.id])).name for s in contacts}
-        colliding = (self.model.geom_contype | self.model.geom_conaffinity) & 1 > 0  # with the terrain
-        for body in dict.fromkeys(self.model.geom_bodyid[colliding & (self.model.geom_bodyid > 0)].tolist()):
-            name = self.model.body(body).name
-            if name not in {*bodies.values(), *robot.feet}:
-                raise ValueError(
-                    f"{robot.mjcf_path}: body '{name or body}' can touch the ground but has no contact sensor, e.g. "
-                    f'<contact name="{name}_contact" body1="{name}" body2="world" num="1" data="found"/>.'
-                )
-        return np.array([s.adr[0] for s in contacts if bodies[s.id] not in robot.feet], dtype=int)
 
     def set_terrain(self, rows: np.ndarray, terrain: np.ndarray) -> None:
         """Move the boxes of some simulations.
@@ -117,10 +99,9 @@ class Simulation:
             mj.expand("geom_friction")[rows, :, 0] = friction[:, None]
         if gains is not None:
             self.gain_factor[rows] = gains[:, None]
-            servos = rows[:, None], self.actuators
-            mj.expand("actuator_gainprm")[*servos, 0] = gains[:, None] * self.kp
-            mj.expand("actuator_biasprm")[*servos, 1] = -gains[:, None] * self.kp
-            mj.expand("actuator_biasprm")[*servos, 2] = -gains[:, None] * self.kd
+            ids = self.servos.ids
+            for name in ("actuator_gainprm", "actuator_biasprm"):
+                mj.expand(name)[rows[:, None], ids] = gains[:, None, None] * getattr(model, name)[ids]
 
     def push(self, rows: np.ndarray, velocity: np.ndarray) -> None:
         """Change the horizontal velocity of some robots at once.
@@ -131,7 +112,7 @@ class Simulation:
         self.qvel[rows, self.base_qvel : self.base_qvel + 2] += velocity
 
     def place(self, rows: np.ndarray, base_pos: np.ndarray, joint_pos: np.ndarray) -> None:
-        """Put robots down at rest, upright, with the controls at their joint positions.
+        """Put robots down at rest, upright, with the controls and what filters them at their joint positions.
 
         :param rows: simulations, shape (n,), int
         :param base_pos: shape (n, 3), m
@@ -141,9 +122,20 @@ class Simulation:
         self.qpos[rows[:, None], np.arange(self.base_qpos, self.base_qpos + 3)] = base_pos
         self.qpos[rows[:, None], np.arange(self.base_qpos + 3, self.base_qpos + 7)] = (1.0, 0.0, 0.0, 0.0)
         self.qpos[rows[:, None], self.joint_qpos] = joint_pos
-        self.ctrl[rows[:, None], self.actuators] = joint_pos
+        self.set_targets(joint_pos, rows)
+        filtered = self.servos.act >= 0
+        self._act[rows[:, None], self.servos.act[filtered]] = (joint_pos * self.servos.gear)[filtered]
         self._warnings_seen[rows] = self._warning_counts()[rows]
         self._failed[rows] = False
+
+    def set_targets(self, joint_pos: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Tell the servos where to go.
+
+        :param joint_pos: shape (n, joints) or (joints,), rad
+        :param rows: simulations, shape (n,), int, or None for all
+        """
+        rows = np.arange(len(self.ctrl)) if rows is None else rows
+        self.ctrl[rows[:, None], self.servos.ctrl] = joint_pos * self.servos.gear
 
     def step(self, rows: np.ndarray | None, substeps: int, targets: Events = NOTHING, kicks: Events = NOTHING) -> None:
         """Advance simulations by physics steps, in one call from each event to the next.
@@ -171,7 +163,7 @@ class Simulation:
         targets, kicks = self.events
         rows, values = targets.due(at)
         if len(rows):
-            self.ctrl[rows[:, None], self.actuators] = values
+            self.set_targets(values, rows)
         rows, values = kicks.due(at)
         if len(rows):
             self.push(rows, values)
@@ -189,8 +181,9 @@ class Simulation:
         :param joint_pos: shape (n, joints), rad
         :param joint_vel: shape (n, joints), rad/s
         """
-        error = self.ctrl[rows].take(self.actuators, axis=1) - joint_pos
-        return self.gain_factor[rows] * (self.kp * error - self.kd * joint_vel)  # type: ignore[no-any-return]
+        servos = self.servos
+        error = servos.targets(self.ctrl[rows], self._act[rows]) - joint_pos
+        return self.gain_factor[rows] * (servos.kp * error - servos.kd * joint_vel)  # type: ignore[no-any-return]
 
     def body_contact(self) -> np.ndarray:
         """Whether anything but a foot touches the terrain, shape (num_envs,), bool."""

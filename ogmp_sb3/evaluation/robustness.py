@@ -11,6 +11,7 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConfig
 from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.env.ground_contacts import foot_geoms
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.evaluation.analysis import Report, Request
 from ogmp_sb3.evaluation.copies import copies_in_sets_text, distinct
@@ -95,10 +96,12 @@ def task_disturbances(task: TaskConfig) -> list[Disturbance]:
 
 
 def _friction(task: TaskConfig) -> float:
-    """The sliding friction coefficient between the robot and the ground: the greater of the two, as MuJoCo has it."""
+    """The sliding friction coefficient between feet and ground: the greater of the two, or that of higher priority."""
     model = build_model(task.robot_config, task.physics_dt, 1)
-    colliding = (model.geom_contype | model.geom_conaffinity) > 0
-    return float(model.geom_friction[colliding, 0].max())
+    ground, feet = model.geom("terrain_0"), foot_geoms(model, task.robot_config)
+    friction, priority = model.geom_friction[feet, 0], model.geom_priority[feet] - ground.priority
+    both = np.where(priority == 0, np.maximum(friction, ground.friction[0]), friction)
+    return float(np.where(priority < 0, ground.friction[0], both).max())
 
 
 def episode_sets(disturbances: list[Disturbance]) -> int:

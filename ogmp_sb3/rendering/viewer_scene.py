@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.robot_model import VISIBLE_GROUPS, build_model
 from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.guidance.terrain import geom_boxes
 from ogmp_sb3.rendering.frame import GHOST_COLOUR, MARK_COLOUR, Colour, Frame, ground_colours, ground_marks
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 GHOST_OPACITY, BOUND_OPACITY = 0.3, 0.2
 INSIDE_COLOUR, OUTSIDE_COLOUR = (50, 170, 90), (220, 50, 40)
 BOUND_EXTENT = 0.6  # m: half the size of the drawn bound along directions that are not bounded
-VISIBLE_GROUPS = (0, 1, 2)  # MuJoCo's default: geoms of the other groups are not drawn
 CAMERA_FROM, CAMERA_AT = np.array([0.6, -2.0, 0.6]), np.array([0.2, 0.0, -0.1])  # m, from the robot
 SKY_TOP, SKY_BOTTOM = (150, 178, 208), (236, 240, 244)
 SUN, SUN_LIGHT, SKY_LIGHT = (-1.5, -2.0, 4.0), 2.0, 1.7

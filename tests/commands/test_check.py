@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from helpers.programs import program
-from ogmp_sb3.commands.check import reference_panels
+from ogmp_sb3.commands.check import _describe, reference_panels
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.env.batch_env import BatchEnv
 
 
 def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:
@@ -21,6 +24,19 @@ def test_every_oracle_has_a_height_for_every_mode_also_at_rest() -> None:
         assert set(heights) == {"linear", "lqr", "preview"}
         assert all(len(height) == len(points) == len(stance) + 1 < 500 for height in heights.values())
     assert np.ptp(panels["jump"][1]) > 0.2  # the block of 0.275 m
+
+
+def test_a_robot_in_the_air_is_told_its_height(tmp_path: Path) -> None:
+    folder = shutil.copytree(TASKS_DIR.parent / "robots" / "hector", tmp_path / "tall")
+    text = (folder / "robot.yaml").read_text(encoding="utf-8")
+    (folder / "robot.yaml").write_text(text.replace("nominal_height: 0.50", "nominal_height: 1.50"), encoding="utf-8")
+    task = load_task("dive", {"robot": str(folder / "robot.yaml")})
+    console = Console(width=200, record=True, file=io.StringIO())
+    _describe(task, BatchEnv(task), console)
+    cells = [[cell.strip() for cell in line.split("│")] for line in console.export_text().splitlines()]
+    rows = {row[1]: row[2] for row in cells if len(row) == 4}
+    assert rows["nominal height"] == "0.496 in robot.yaml puts the feet on the ground; they are 1.00 m above the ground"
+    assert rows["nominal pose"].startswith("held for 1 s: base at ")
 
 
 def test_a_file_with_an_equals_sign_in_its_name_is_checked(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """BatchEnv over every shipped task: one row is the same as many, and the rules hold at every step."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -178,13 +179,41 @@ def test_actions_beyond_one_are_those_of_one(name: str) -> None:
     np.testing.assert_array_equal(*results)
 
 
+@pytest.mark.parametrize("servo", ['kp="0.3" kv="0.005" gear="10"', 'kp="7.5" kv="0.125" gear="-2"'])
+def test_gears_of_servos_change_nothing(servo: str, tmp_path: Path) -> None:
+    """Neither control, reward nor gains that vary; the limits of the actuators are the joints' over the gear."""
+    task = load_task("dive", {"randomisation": {"gains": [0.8, 1.2]}, "rho": None})
+    robot, gear = task.robot_config, abs(float(servo.split('"')[-2]))
+    mjcf = robot.mjcf_path.read_text(encoding="utf-8")
+    for found, written in (
+        (
+            '<position kp="30" kv="0.5" forcerange="-30 30"/>',
+            f'<position {servo} forcerange="{-30 / gear} {30 / gear}"/>',
+        ),
+        ('<position forcerange="-50 50"/>', f'<position forcerange="{-50 / gear} {50 / gear}"/>'),
+    ):
+        assert found in mjcf
+        mjcf = mjcf.replace(found, written)
+    (tmp_path / "geared.xml").write_text(mjcf, encoding="utf-8")
+    results = []
+    for each in (robot, replace(robot, mjcf=str(tmp_path / "geared.xml"))):
+        env = BatchEnv(replace(task, robot_config=each), 2, SEED, threads=1)
+        env.reset()
+        rng = np.random.default_rng(0)
+        steps = [env.step(rng.uniform(-0.2, 0.2, (2, 10))) for _ in range(8)]
+        results.append((steps[-1].view.joint_pos, steps[-1].reward_terms["torque_regulation"], steps[-1].view.torque))
+    assert np.ptp(results[0][0]) > 0.1
+    for plain, geared in zip(*results, strict=True):
+        np.testing.assert_allclose(geared, plain, rtol=0, atol=1e-6)
+
+
 def test_an_action_is_an_offset_of_the_nominal_pose_in_rad() -> None:
     task = load_task("parkour", {"action": {"scale": 0.5}})
     env = BatchEnv(task, 1, SEED, threads=1)
     env.reset()
     command = np.linspace(-1, 1, 10)[None]
     view = env.step(command).view
-    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.actuators], 0.5 * command[0])
+    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.servos.ctrl], 0.5 * command[0])
     expected = 30.0 * (0.5 * command - view.joint_pos) - 0.5 * view.joint_vel
     np.testing.assert_allclose(view.torque, expected)
 

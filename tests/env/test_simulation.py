@@ -74,8 +74,8 @@ def test_a_base_without_a_free_joint_is_an_error() -> None:
 
 
 def test_the_gains_are_those_of_the_servos(sim: Simulation) -> None:
-    np.testing.assert_array_equal(sim.kp, 30.0)
-    np.testing.assert_array_equal(sim.kd, 0.5)
+    np.testing.assert_array_equal(sim.servos.kp, 30.0)
+    np.testing.assert_array_equal(sim.servos.kd, 0.5)
 
 
 def test_a_robot_rests_on_a_box_that_was_moved_and_raised_and_not_where_it_was(sim: Simulation) -> None:

@@ -73,13 +73,22 @@ def test_what_the_task_leaves_out_gets_a_default_range() -> None:
     assert latency.values.tolist() == [0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.03]
 
 
-def test_undisturbed_is_the_friction_of_the_robot_where_it_is_the_greater(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("written", "friction"),
+    [
+        ('friction="1.3"', 1.3),
+        ('friction="0.8"', 1.0),
+        ('friction="0.8" priority="1"', 0.8),
+        ('friction="1.3" priority="-1"', 1.0),
+    ],
+)
+def test_undisturbed_is_the_friction_between_feet_and_ground(written: str, friction: float, tmp_path: Path) -> None:
     task = load_task("parkour")
     mjcf = task.robot_config.mjcf_path.read_text(encoding="utf-8")
-    (tmp_path / "grippy.xml").write_text(mjcf.replace('friction="1.0"', 'friction="1.3"'), encoding="utf-8")
-    grippy = replace(task, robot_config=replace(task.robot_config, mjcf=str(tmp_path / "grippy.xml")))
-    none = {found.name: found.none for found in robustness.task_disturbances(grippy)}
-    assert none["friction"] == 1.3
+    (tmp_path / "other.xml").write_text(mjcf.replace('friction="1.0"', written), encoding="utf-8")
+    other = replace(task, robot_config=replace(task.robot_config, mjcf=str(tmp_path / "other.xml")))
+    none = {found.name: found.none for found in robustness.task_disturbances(other)}
+    assert none["friction"] == friction
 
 
 def test_a_disturbance_is_played_alone() -> None:

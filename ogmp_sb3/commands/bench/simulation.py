@@ -109,7 +109,7 @@ def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Cal
         for target, (rows, states, boxes), (moved, track) in zip(
             targets, recording.resets, recording.laid, strict=True
         ):
-            sim.ctrl[:, sim.actuators] = target
+            sim.set_targets(target)
             sim.mj.step(None, task.substeps)
             for changed, ground in ((moved, track), (rows, boxes)):
                 if len(changed):

@@ -53,14 +53,22 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
     return components
 
 
+def limit(value: float) -> float | None:
+    """A limit as plain data: None where there is none."""
+    return float(value) if np.isfinite(value) else None
+
+
+def torque_limit(low: float, high: float) -> float | list[float | None] | None:
+    """The limit of a torque: one number (or None) where it is the same both ways, else least and greatest."""
+    return limit(high) if low == -high else [limit(low), limit(high)]
+
+
 def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
     """The content of ``controller.json``, but for the checksums of the files beside it.
 
     :param env: of the policy's task
     """
-    task, sim, lstm = loaded.task, env.sim, loaded.policy.lstm_actor
-    limited = sim.model.actuator_forcelimited[sim.actuators]
-    limits = sim.model.actuator_forcerange[sim.actuators, 1]
+    task, servos, lstm = loaded.task, env.sim.servos, loaded.policy.lstm_actor
     return {
         "format": FORMAT,
         "task": task.name,
@@ -81,13 +89,16 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "nominal": list(task.robot_config.nominal_joints),
             "scale": task.action.scale,
             "unit": "rad",
-            "formula": "joint_target = nominal + scale * action",
+            "formula": "joint_target = nominal + scale * action, at least low, at most high",
+            "low": [limit(value) for value in servos.target_low],
+            "high": [limit(value) for value in servos.target_high],
         },
         "encoder_features": list(FEATURE_NAMES) if task.uses_latent else None,
         "gains": {
-            "kp": sim.kp.tolist(),
-            "kd": sim.kd.tolist(),
-            "torque_limit": [float(limit) if held else None for limit, held in zip(limits, limited, strict=True)],
+            "kp": servos.kp.tolist(),
+            "kd": servos.kd.tolist(),
+            "torque_limit": [torque_limit(*ends) for ends in zip(servos.torque_low, servos.torque_high, strict=True)],
+            "time_constant": servos.time_constant.tolist(),
         },
         "network": {"layers": lstm.num_layers, "hidden": lstm.hidden_size},
         "num_timesteps": loaded.info.get("num_timesteps"),

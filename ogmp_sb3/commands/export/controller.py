@@ -16,7 +16,8 @@ each with its slice; which of these there are depends on the task::
                             minus the ground under the base, within -1 ... 1 m
 
 ``step`` gives joint-position targets; the robot's own loop turns them into torques
-``kp * (target - position) - kd * velocity`` with ``gains``, at 1 kHz or so, and holds them for ``control_dt``.
+``kp * (target - position) - kd * velocity`` with ``gains``, at 1 kHz or so, and holds them for ``control_dt``. Where
+``gains.time_constant`` is not 0, a first-order low-pass filter of so many seconds smooths the target first.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Controller:
             self._limit = self.info["observation"]["clip"] * scale
             self._nominal = np.array(self.info["action"]["nominal"])
             self._scale = float(self.info["action"]["scale"])
+            self._low, self._high = (np.array(self.info["action"][end], dtype=float) for end in ("low", "high"))
             self._state_shape = (self.info["network"]["layers"], 1, self.info["network"]["hidden"])
         except OSError as error:
             raise ValueError(f"{error.filename}: not readable ({error.strerror}).") from None
@@ -72,4 +74,6 @@ class Controller:
 
     def step(self, observation: np.ndarray) -> np.ndarray:
         """One control step: joint-position targets in rad, shape (joints,), in the order of ``action.joints``."""
-        return self._nominal + self._scale * self.act(observation)
+        targets = self._nominal + self._scale * self.act(observation)
+        # No limit is null in JSON, so NaN here, which these skip.
+        return np.fmin(np.fmax(targets, self._low), self._high)  # type: ignore[no-any-return]

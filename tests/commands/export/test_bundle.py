@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ogmp_sb3.commands.export import bundle
 from ogmp_sb3.commands.export.controller import Controller
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP
 
 
@@ -97,19 +100,47 @@ def test_components_name_what_the_simulation_holds_there(exported) -> None:
 def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
     _, env, out = exported("blind")
     info = json.loads((out / "controller.json").read_text())
-    for joint, kp, kd, limit in zip(info["action"]["joints"], *info["gains"].values(), strict=True):
+    gains = [info["gains"][name] for name in ("kp", "kd", "torque_limit", "time_constant")]
+    for joint, kp, kd, limit, time_constant in zip(info["action"]["joints"], *gains, strict=True):
         servo = env.sim.model.actuator(joint)
         assert (servo.gainprm[0], servo.biasprm[1], servo.biasprm[2]) == (kp, -kp, -kd)
         assert servo.forcerange.tolist() == [-limit, limit]
+        assert time_constant == 0
+    assert info["action"]["low"] == info["action"]["high"] == [None] * env.action_size
     action = np.linspace(-1, 1, env.action_size)
     env.reset()
     env.step(action[None])
     targets = np.array(info["action"]["nominal"]) + info["action"]["scale"] * action
-    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.actuators], targets)
+    np.testing.assert_allclose(env.sim.ctrl[0, env.sim.servos.ctrl], targets)
 
 
-def test_a_servo_without_a_limit_has_none(exported) -> None:
-    loaded, env, _ = exported("blind")
-    env.sim.model.actuator_forcelimited[env.sim.actuators[0]] = 0
-    limits = bundle.description(loaded, env)["gains"]["torque_limit"]
-    assert limits[0] is None and None not in limits[1:]
+SERVO = '<position kp="30" kv="0.5" forcerange="-30 30"/>'
+KNEE = '<position forcerange="-50 50"/>'
+ANKLE = '<joint axis="0 1 0" range="-1.4 1.4"/>'
+
+
+def test_what_is_exported_acts_at_the_joint(exported, tmp_path: Path) -> None:
+    """Gears, limits of actuators and of joints, ranges of targets, filters."""
+    loaded, _, _ = exported("blind")
+    robot = loaded.task.robot_config
+    mjcf = robot.mjcf_path.read_text(encoding="utf-8")
+    for found, written in (
+        (SERVO, '<position kp="7.5" kv="0.125" gear="-2" forcerange="-15 15" ctrlrange="-1.8 1.6" timeconst="0.02"/>'),
+        (KNEE, '<position forcerange="-25 10"/>'),
+        (ANKLE, '<joint axis="0 1 0" range="-1.4 1.4" actuatorfrcrange="-12 12"/>'),
+        ('joint="L_hip_yaw" class', 'joint="L_hip_yaw" forcelimited="false" ctrllimited="false" class'),
+        ('joint="R_hip_yaw" class', 'joint="R_hip_yaw" forcelimited="false" ctrllimited="false" class'),
+    ):
+        assert found in mjcf, found
+        mjcf = mjcf.replace(found, written)
+    (tmp_path / "model.xml").write_text(mjcf, encoding="utf-8")
+    task = replace(loaded.task, robot_config=replace(robot, mjcf=str(tmp_path / "model.xml")))
+    info = bundle.description(loaded, BatchEnv(task, threads=1))
+    gains, action = info["gains"], info["action"]
+    np.testing.assert_allclose(gains["kp"], 30.0)
+    np.testing.assert_allclose(gains["kd"], 0.5)
+    np.testing.assert_allclose(gains["time_constant"], 0.02)
+    assert gains["torque_limit"] == [None, 30, 30, [-20, 50], 12] * 2
+    assert action["low"] == [None, -0.8, -0.8, -0.8, -0.8] * 2
+    assert action["high"] == [None, 0.9, 0.9, 0.9, 0.9] * 2
+    assert json.loads(json.dumps(info)) == info

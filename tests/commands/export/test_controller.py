@@ -117,3 +117,17 @@ def test_the_example_refuses_files_that_are_missing_or_changed(name, change, sen
 def test_the_example_refuses_an_observation_of_another_size(exported) -> None:
     with pytest.raises(ValueError, match=r"an observation has shape \(60,\), found \(59,\)"):
         Controller(exported("parkour")[2]).step(np.zeros(59))
+
+
+def test_the_example_keeps_its_targets_within_the_range_of_the_servos(exported, tmp_path) -> None:
+    folder = shutil.copytree(exported("parkour")[2], tmp_path / "copy")
+    info = json.loads((folder / "controller.json").read_text())
+    free = Controller(folder)
+    observation = np.full(60, 0.3)
+    targets = free.step(observation)
+    middle = float(np.median(targets))
+    info["action"] |= {"low": [middle] * 5 + [None] * 5, "high": [None] * 5 + [middle] * 5}
+    (folder / "controller.json").write_text(json.dumps(info))
+    expected = np.concatenate([np.maximum(targets[:5], middle), np.minimum(targets[5:], middle)])
+    assert not np.array_equal(expected, targets)
+    np.testing.assert_array_equal(Controller(folder).step(observation), expected)
