@@ -1,4 +1,4 @@
-"""Policies and trainings on disk: safetensors and JSON only, nothing that can run code.
+"""Policies and trainings on disk: safetensors, JSON, YAML and MJCF, nothing that can run code.
 
 A policy is a directory with ``policy.safetensors`` (weights and normaliser), ``policy.json`` (its task and network),
 ``robot/`` if the robot's files are small (:mod:`ogmp_sb3.runs.robot_copy`) and, if it observes the mode latent,

@@ -28,6 +28,7 @@ from ogmp_sb3.runs.own_files import check_same_files, with_own_files
 from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
     CONFIG,
+    ENCODER,
     RESUMABLE,
     TRAINER,
     checkpoint_dirs,
@@ -79,8 +80,9 @@ def begin_or_go_on(job: Job) -> float:
     name = {"task name": Path(data["task_file"]).stem}
     wanted = {"task name": job.task.name, "task": job.task_data, "train": asdict(job.config)}
     record = read_record(data, Where(str(run_dir / CONFIG)))
-    if record is not None:  # which tells more than where the robot is
-        data["task"]["robot"] = job.task_data["robot"]
+    for key, is_kept in (("robot", record is not None), ("encoder", (run_dir / ENCODER).is_dir())):
+        if is_kept and key in job.task_data:  # what it is counts, not where
+            data["task"][key] = job.task_data[key]
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
     check_same_files(job.task, run_dir, record)
     checkpoint = latest_checkpoint(run_dir) if begun else None

@@ -99,8 +99,9 @@ def test_a_copy_that_is_gone_is_made_again_of_the_same_robot_alone(project: Path
     edit(project / "robot.yaml", "nominal_height: 0.50", "nominal_height: 0.52")
     done = resume(project)
     assert done.returncode == 2 and "robot.yaml: changed since the training" in done.stderr
-    edit(project / "robot.yaml", "nominal_height: 0.52", "nominal_height: 0.50")
-    assert resume(project).returncode == 0
+    (project / "robot.yaml").rename(project / "heavy.yaml")
+    edit(project / "heavy.yaml", "nominal_height: 0.52", "nominal_height: 0.50")
+    assert resume(project, "robot=heavy.yaml").returncode == 0
     assert (project / "runs" / "a" / "robot" / "servos.xml").is_file()
 
 
@@ -162,7 +163,7 @@ def test_the_same_command_with_another_encoder_is_another_run(tmp_path: Path) ->
     observations = {**plain.task.observations, "mode_latent": {}}
     asked = replace(plain, task=replace(plain.task, encoder=str(encoder), observations=observations))
     begin_or_go_on(asked)
-    begin_or_go_on(asked)
+    begin_or_go_on(replace(asked, task_data={**asked.task_data, "encoder": "elsewhere/dive"}))
     edit(encoder / "encoder.json", "{", "{ ")
     with pytest.raises(ValueError, match=r"holds another run: .*encoder/encoder.json has changed since"):
         begin_or_go_on(asked)

@@ -81,7 +81,7 @@ def _resume(arguments: list[str]) -> None:
     changes = dict(argument.partition("=")[::2] for argument in arguments)
     run_dir = Path(changes.pop("resume"))
     data = run_config(run_dir)
-    if "robot" in changes and ROBOT in data:
+    if "robot" in changes and (run_dir / ROBOT).is_dir():
         raise KeyError(f"'robot' cannot change when a run is resumed: it goes on with {run_dir / ROBOT}.")
     if "robot" in changes:
         data["task"]["robot"] = str(find("robot", changes.pop("robot")).absolute())
