@@ -23,7 +23,8 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     :raises ValueError: if the robot's MJCF is unreadable or lacks what robot.yaml names
     """
     try:
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        # From a relative path MuJoCo does not find what an included file includes from beside itself.
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path.absolute()))
     except (ValueError, OSError) as error:
         raise ValueError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
     spec.option.timestep = physics_dt
