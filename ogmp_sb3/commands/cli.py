@@ -6,11 +6,15 @@ import dataclasses
 import importlib.util
 import sys
 import typing
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from rich.console import Console
 
+from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value
@@ -18,6 +22,7 @@ from ogmp_sb3.config.yaml_files import read_value
 C = TypeVar("C")
 
 TRUST = "true: also load an SB3 .zip, which can run any code; needs 'task'"  # help of a key of several programs
+ROBOT = "another robot in place of the policy's own: a name, or the path of a robot.yaml"
 ZIP_TASK = "of an SB3 .zip: what it was trained on, a name or a YAML file"
 MISTAKES = (ValueError, KeyError, TypeError, OSError, MemoryError)
 """What a user's mistake is raised as, a file that cannot be written and a size that does not fit included."""
@@ -99,11 +104,30 @@ def run(program: str, help_text: str | Callable[[], str], body: Callable[[list[s
         print(f"{text}\n", end="")  # in one write, so that `| head` breaks no pipe
         return
     try:
-        body(arguments)
+        with _plain_warnings(program):
+            body(arguments)
     except MISTAKES as error:
         fail(program, error)
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+
+
+@contextmanager
+def _plain_warnings(program: str) -> Iterator[None]:
+    """Print our own warnings as one sentence each, without the line of code that it is from."""
+    others = warnings.formatwarning
+
+    def text(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+    ) -> str:
+        own = category is UserWarning and Path(filename).is_relative_to(PACKAGE)
+        return f"{program}: {message}\n" if own else others(message, category, filename, lineno, line)
+
+    warnings.formatwarning = text
+    try:
+        yield
+    finally:
+        warnings.formatwarning = others
 
 
 def console() -> Console:

@@ -99,6 +99,7 @@ class EvalConfig:
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
     out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
+    robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
@@ -182,7 +183,7 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
 
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    loaded = load_policy(config.run, config.trust, config.task)
+    loaded = load_policy(config.run, config.trust, config.task, config.robot)
     analysis, request = config.analysis, _request(config, loaded, overrides)
     with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
         result = analysis.measure(request, bar.update)
@@ -218,6 +219,7 @@ def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], requ
         "task": request.task.name,
         "protocol": config.protocol,
         "overrides": overrides,
+        "robot": config.robot,
         "scene": config.scene,
         "seed": config.seed,
         "episodes": request.episodes,

@@ -33,6 +33,7 @@ class PlayConfig:
     port: int = cli.option("port of the viewer", 8080)
     video: str | None = cli.option("file to write instead: .mp4, .gif, or .png for a strip of pictures", None)
     seconds: float = cli.option("length of the video, s", 12.0)
+    robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
 
     def __post_init__(self) -> None:
@@ -71,12 +72,13 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy |
     """
     policy = None
     if config.run is not None:
-        loaded = load_policy(config.run, config.trust, config.task)
+        loaded = load_policy(config.run, config.trust, config.task, config.robot)
         policy, data, path = loaded.policy, loaded.task_data, loaded.task_path
     else:
         assert config.task is not None
         path = find("task", config.task)
         data = read_yaml(path)
+        overrides = [*overrides, *([f"robot={config.robot}"] if config.robot else [])]
     return task_for_test(data, path, overrides, config.scene, PROGRAM, SHOWN), policy
 
 

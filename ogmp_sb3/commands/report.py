@@ -46,6 +46,7 @@ class ReportConfig:
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
         ",".join(report_run.VARIANTS),
     )
+    robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
@@ -97,7 +98,7 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     folder = Path(name)
     if (folder / MULTIRUN).is_file():
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
-    loaded, home = load_policy(name, config.trust, config.task), owner(name)
+    loaded, home = load_policy(name, config.trust, config.task, config.robot), owner(name)
     run = read_run(home) if home and (home / CONFIG).is_file() else None
     out = Path(config.out) if config.out else default_out(name, loaded.name, "report")
     subject = EvaluatedPolicy(loaded, overrides, home or out)
@@ -123,7 +124,7 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
     if (folder / CONFIG).is_file():
         raise ValueError(f"'{folder}' is one run, not a multirun: give it as run={folder}.")
     sweep = sweep_of(read_sweep(folder))
-    subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides)
+    subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides, config.robot)
     out, episodes = Path(config.out) if config.out else folder / "report", config.episodes or JOB_EPISODES
     out.mkdir(parents=True, exist_ok=True)
     evaluations = report_sweep.evaluate_jobs(subjects, episodes, config.seed)

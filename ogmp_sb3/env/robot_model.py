@@ -36,7 +36,8 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     :raises ValueError: if the robot's MJCF is unreadable, lacks what robot.yaml names, or cannot be simulated
     """
     with _in_the_file(robot):
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        # From a relative path MuJoCo does not find what an included file includes from beside itself.
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path.absolute()))
         _prepare(spec, physics_dt, visual)
         alone = spec.compile()
     _check_names(alone, robot)

@@ -34,14 +34,21 @@ Subjects = dict[Path, EvaluatedPolicy]
 Evaluations = dict[Path, Evaluation]
 
 
-def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
-    """The policies of the jobs, and the reasons why jobs have none, both by directory."""
+def load_subjects(
+    sweep: Sweep, policy: str, overrides: list[str], robot: str | None = None
+) -> tuple[Subjects, dict[Path, str]]:
+    """The policies of the jobs, and the reasons why jobs have none, both by directory.
+
+    :param policy: ``latest`` or ``best``
+    :param overrides: of the task, ``key=value``
+    :param robot: in place of those of the jobs
+    """
     subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
             continue
         try:
-            loaded = load_policy(job.path / "best" if policy == "best" else job.path)
+            loaded = load_policy(job.path / "best" if policy == "best" else job.path, robot=robot)
         except (ValueError, KeyError) as error:
             notes[job.path] = str(error.args[0])
         else:

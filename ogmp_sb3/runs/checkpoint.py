@@ -1,9 +1,9 @@
-"""Policies and trainings on disk: safetensors and JSON only, nothing that can run code.
+"""Policies and trainings on disk: safetensors, JSON, YAML and MJCF, nothing that can run code.
 
-A policy is a directory with ``policy.safetensors`` (weights and normaliser), ``policy.json`` (its task and network)
-and, if it observes the mode latent, ``encoder/``. A checkpoint of a training is such a directory with
-``trainer.safetensors`` and ``trainer.json`` beside, which hold everything else that the next step depends on, and
-``manifest.json`` with the checksums.
+A policy is a directory with ``policy.safetensors`` (weights and normaliser), ``policy.json`` (its task and network),
+``robot/`` if the robot's files are small (:mod:`ogmp_sb3.runs.robot_copy`) and, if it observes the mode latent,
+``encoder/``. A checkpoint of a training is such a directory with ``trainer.safetensors`` and ``trainer.json`` beside,
+which hold everything else that the next step depends on, and ``manifest.json`` with the checksums.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.guidance.latent import copy_encoder
 from ogmp_sb3.runs.atomic import fresh, put_in_place, remove
 from ogmp_sb3.runs.learner_state import set_state, state
+from ogmp_sb3.runs.robot_copy import ROBOT, copy_small
 from ogmp_sb3.runs.run_directory import ENCODER, INFO, TRAINER, WEIGHTS, checkpoint_dirs
 from ogmp_sb3.runs.storage import load_json, load_tensors, save_json, save_tensors, verify, write_manifest
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
@@ -81,6 +82,8 @@ def _write(
     save_json(folder / TRAINER[1], {**plain, "statistics": statistics})
     if env.batch.task.uses_latent and env.batch.task.encoder:
         copy_encoder(env.batch.task.encoder, folder / ENCODER)
+    if info.get(ROBOT, {}).get("files"):
+        copy_small(env.batch.task.robot_config.path.parent, folder)
     write_manifest(folder)
 
 
@@ -113,6 +116,8 @@ def copy_policy(checkpoint: Path, folder: Path) -> None:
         shutil.copy(checkpoint / name, temporary / name)
     if (checkpoint / ENCODER).is_dir():
         copy_encoder(str(checkpoint / ENCODER), temporary / ENCODER)
+    if (checkpoint / ROBOT).is_dir():
+        copy_small(checkpoint / ROBOT, temporary)
     write_manifest(temporary)
     put_in_place(temporary, folder)
 

@@ -17,6 +17,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.events import Events, no_events
 from ogmp_sb3.env.failed_step import UnstableStep
 from ogmp_sb3.runs.atomic import replacing
+from ogmp_sb3.runs.robot_copy import own_robot, read_record
 
 FOLDER = "unstable"  # in a run directory
 MOST = 20  # files in it
@@ -53,10 +54,10 @@ def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
         where = Where(str(path))
         if read(int, plain["format"], where / "format") not in (WITHOUT_EVENTS, FORMAT):
             raise ValueError(f"format {plain['format']}, expected {FORMAT}")
-        task = task_from_data(
-            read(dict[str, Any], plain["task"], where / "task"),
-            Path(read(str, plain["task_file"], where / "task_file")),
-        )
+        task_data = read(dict[str, Any], plain["task"], where / "task")
+        task_file = Path(read(str, plain["task_file"], where / "task_file"))
+        own = own_robot(read_record(plain, where), path.parent.parent)
+        task = task_from_data(task_data if own is None else {**task_data, "robot": str(own)}, task_file)
         read(dict[str, str], plain.get("versions", {}), where / "versions")
         varied = {name: read(float, plain["varied"][name], where / name) for name in VARIED if name in plain["varied"]}
         with_events = plain["format"] == FORMAT

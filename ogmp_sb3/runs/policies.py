@@ -19,9 +19,11 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.observations import CLIP
+from ogmp_sb3.env.robot_digest import robot_digest
 from ogmp_sb3.guidance.latent import changed_file, encoder_dir
 from ogmp_sb3.runs.checkpoint import FORMAT, latest_checkpoint, policy_weights, put_weights
-from ogmp_sb3.runs.run_directory import CHECKPOINTS, ENCODER, INFO, WEIGHTS
+from ogmp_sb3.runs.robot_copy import original, read_record, task_robot, warn_of_changes
+from ogmp_sb3.runs.run_directory import CHECKPOINTS, CONFIG, ENCODER, INFO, WEIGHTS
 from ogmp_sb3.runs.sb3_zip import load_zip
 from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, verify
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
@@ -58,36 +60,43 @@ class LoadedPolicy:
 
     @property
     def digest(self) -> str:
-        """Identifies the policy and its task: the beginning of the SHA-256 of its files, its encoder's and its
-        robot's, and of the task's data. The paths that they were found by do not matter.
+        """Identifies the policy and its task: the beginning of the SHA-256 of its files, its encoder's, the task's
+        data, and what its robot is in a simulation. The paths that they were found by do not matter.
         """
-        robot, latent = self.task.robot_config, self.task.uses_latent and self.task.encoder
+        latent = self.task.uses_latent and self.task.encoder
         encoder = sorted(encoder_dir(latent).iterdir()) if latent else []
-        files = [*self.files, robot.path, robot.mjcf_path, *encoder]
-        task = json.dumps({**self.task_data, "encoder": None}, sort_keys=True).encode()
-        return hashlib.sha256(b"".join([*(file.read_bytes() for file in files), task])).hexdigest()[:16]
+        task = json.dumps({**self.task_data, "encoder": None, "robot": None}, sort_keys=True)
+        parts = [file.read_bytes() for file in (*self.files, *encoder)]
+        parts += [text.encode() for text in (robot_digest(self.task.robot_config), task)]
+        return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
-def load_policy(run: str | Path, trust: bool = False, task: str | None = None) -> LoadedPolicy:
+def load_policy(
+    run: str | Path, trust: bool = False, task: str | None = None, robot: str | Path | None = None
+) -> LoadedPolicy:
     """Load a policy by name, or by the directory of a policy, a checkpoint or a run.
+
+    Its robot is the copy that the run or the policy has of it; one sentence warns if the original has changed since.
 
     :param trust: also load SB3's ``.zip`` of a :class:`RecurrentPPO`, which can run any code
     :param task: of a ``.zip``, which does not say it: a shipped task or the path of a YAML file
-    :raises ValueError: if the files are damaged, or can run code without ``trust``
+    :param robot: another robot in place of its own: a name, or the path of a robot.yaml
+    :raises ValueError: if the files are damaged, or can run code without ``trust``, or the robot is nowhere
     :raises KeyError: if there is no such policy
     """
+    given = None if robot is None else find("robot", robot).absolute()
     if Path(run).is_file():
-        return _imported(Path(run), trust, task)
+        return _imported(Path(run), trust, task, given)
     if task is not None:
         raise ValueError(f"'task' goes with an SB3 .zip only: the policy '{run}' knows its task.")
     folder = policy_dir(run)
     if (folder / MANIFEST).is_file():
         verify(folder, WEIGHTS, INFO)
-    info, config, data, path, network = _read_info(folder)
+    info, config, data, path, network = _read_info(folder, given)
     return LoadedPolicy(_policy(network, folder), config, data, path, info, folder)
 
 
-def _read_info(folder: Path) -> tuple[dict[str, Any], TaskConfig, dict[str, Any], Path, Network]:
+def _read_info(folder: Path, robot: Path | None) -> tuple[dict[str, Any], TaskConfig, dict[str, Any], Path, Network]:
     """What ``policy.json`` says: all of it, the task, its data and its file, and the sizes of the networks."""
     file = folder / INFO
     info, where = load_json(file), Where(str(file))
@@ -101,10 +110,17 @@ def _read_info(folder: Path) -> tuple[dict[str, Any], TaskConfig, dict[str, Any]
             read(kind, info.get(key), where / key)  # type: ignore[arg-type]
         if (folder / ENCODER).is_dir():
             task_data["encoder"] = str(_lasting(folder) / ENCODER)
-        return info, task_from_data(task_data, path), task_data, path, network
+        name, record, run = task_data.get("robot"), read_record(info, where), _run(folder)
+        if isinstance(name, str):
+            task_data["robot"] = str(robot or task_robot(name, path, record, run, folder))
+        task = task_from_data(task_data, path)
     except (KeyError, TypeError, ValueError) as error:
         reason = str(error.args[0])
         raise ValueError(reason if reason.startswith(str(file)) else f"{file}: {reason}") from None
+    if robot is None:
+        place = original(str(name), path, record, run)
+        warn_of_changes(task.robot_config, place, record, f"; robot={place} takes the new one", stacklevel=4)
+    return info, task, task_data, path, network
 
 
 def _policy(network: Network, folder: Path) -> LstmPolicy:
@@ -128,15 +144,24 @@ def _policy(network: Network, folder: Path) -> LstmPolicy:
 
 def _lasting(folder: Path) -> Path:
     """Where the encoder of a policy stays: in its run, if it is the same there, for checkpoints go while it trains."""
+    run = _run(folder)
+    return folder if run is None or changed_file(folder / ENCODER, run / ENCODER) else run
+
+
+def _run(folder: Path) -> Path | None:
+    """The run directory of a policy; None if it is alone."""
+    folder = folder.absolute()
     run = folder.parent.parent if folder.parent.name == CHECKPOINTS else folder.parent
-    return folder if changed_file(folder / ENCODER, run / ENCODER) else run
+    return run if (run / CONFIG).is_file() else None
 
 
-def _imported(file: Path, trust: bool, task: str | None) -> LoadedPolicy:
+def _imported(file: Path, trust: bool, task: str | None, robot: Path | None) -> LoadedPolicy:
     """A policy from SB3's ``.zip``."""
     policy, samples = load_zip(file, trust, task)
     path = find("task", str(task))
     data = read_yaml(path)
+    if robot is not None:
+        data["robot"] = str(robot)
     return LoadedPolicy(policy, task_from_data(data, path), data, path, {"num_timesteps": samples}, file)
 
 

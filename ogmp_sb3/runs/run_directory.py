@@ -18,6 +18,7 @@ from ogmp_sb3.config.yaml_files import UNREADABLE, read_yaml
 from ogmp_sb3.runs.atomic import occupied, tidy
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
 from ogmp_sb3.runs.logs import STEP_COLUMN, read_rows
+from ogmp_sb3.runs.robot_copy import ROBOT
 from ogmp_sb3.runs.storage import load_json
 
 BEST = "best"  # in a run directory: the best policy so far
@@ -67,7 +68,10 @@ class Run:
     def fingerprint(self) -> str:
         """Identifies a training: all of its settings but those that may change when it is resumed."""
         train = {key: value for key, value in self.config.get("train", {}).items() if key not in RESUMABLE}
-        data = json.dumps([self.config.get("task"), train, self.config.get("versions")], sort_keys=True)
+        task, record = self.config.get("task"), self.config.get(ROBOT)
+        if task and record:  # which tells robots apart, wherever they lie
+            task = {**task, "robot": record.get("digest")}
+        data = json.dumps([task, train, self.config.get("versions")], sort_keys=True)
         return hashlib.sha256(data.encode()).hexdigest()[:16]
 
     def final(self, column: str) -> float:
@@ -169,6 +173,7 @@ def tidy_run(run_dir: Path) -> None:
     for folder, names in (
         (run_dir, BEST),
         (run_dir, CONFIG),
+        (run_dir, ROBOT),
         (run_dir / CHECKPOINTS, "*"),
         (run_dir / UNSTABLE, "*"),
     ):

@@ -8,7 +8,7 @@ import shlex
 import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,14 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.guidance.latent import changed_file, copy_encoder
 from ogmp_sb3.runs.atomic import locked, reason
 from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mean_return
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
 from ogmp_sb3.runs.logs import make_logger
+from ogmp_sb3.runs.own_files import check_same_files, with_own_files
+from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
     CONFIG,
     ENCODER,
@@ -78,7 +79,12 @@ def begin_or_go_on(job: Job) -> float:
     data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
     wanted = {"task name": job.task.name, "task": job.task_data, "train": asdict(job.config)}
+    record = read_record(data, Where(str(run_dir / CONFIG)))
+    for key, is_kept in (("robot", record is not None), ("encoder", (run_dir / ENCODER).is_dir())):
+        if is_kept and key in job.task_data:  # what it is counts, not where
+            data["task"][key] = job.task_data[key]
     _check_same(run_dir / CONFIG, {**data, **name}, wanted)
+    check_same_files(job.task, run_dir, record)
     checkpoint = latest_checkpoint(run_dir) if begun else None
     if checkpoint is None or int(checkpoint.name) < job.config.total_timesteps:
         return train(job, resume=begun)
@@ -127,16 +133,16 @@ def train(job: Job, resume: bool) -> float:
 def _train(job: Job, checkpoint: Path | None) -> float:
     """Begin, or go on from a checkpoint, and train until the end or until asked to stop."""
     config, run_dir = job.config, job.run_dir
-    task = _with_own_encoder(job.task, run_dir, checkpoint)
+    task, record = with_own_files(job.task, job.task_data["robot"], run_dir, checkpoint)
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     model = make_model(env, config.ppo, config.seed)
-    origin = {"task": job.task_data, "task_file": task.file, "versions": versions()}
+    origin = {"task": job.task_data, "task_file": task.file, ROBOT: asdict(record), "versions": versions()}
     callbacks, checkpoints = _callbacks(job, origin)
     progress = ProgressBar(config.total_timesteps)
     checkpoints.model = model
     if checkpoint is not None:
         checkpoints.restore(checkpoint)
-        origin = run_config(run_dir)
+        origin = {**run_config(run_dir), "task": job.task_data, ROBOT: asdict(record)}
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
@@ -187,19 +193,3 @@ def _stop_on_signals(checkpoints: Checkpoints) -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-
-
-def _with_own_encoder(task: TaskConfig, run_dir: Path, checkpoint: Path | None) -> TaskConfig:
-    """The task with the run's copy of its encoder, which is made at the start of a run.
-
-    :raises ValueError: if the copy is not that of the checkpoint, whose checksums hold
-    """
-    if not (task.uses_latent and task.encoder):
-        return task
-    own = run_dir / ENCODER
-    if checkpoint is None:
-        copy_encoder(task.encoder, own)
-    elif name := changed_file(checkpoint / ENCODER, own):
-        saved = checkpoint / ENCODER / name
-        raise ValueError(f"{own / name}: not the file that the run was trained with, which is {saved}.")
-    return replace(task, encoder=str(own))

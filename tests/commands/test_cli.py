@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from dataclasses import dataclass
 
 import pytest
@@ -107,3 +109,22 @@ def test_a_missing_optional_package_names_the_extra_to_install() -> None:
     cli.require("viewer", "json")
     with pytest.raises(ValueError, match=r"'no_such_package' is missing: pip install \"ogmp_sb3\[viewer\]\""):
         cli.require("viewer", "json", "no_such_package")
+
+
+def test_our_own_warnings_are_sentences_and_those_of_others_say_where_they_are_from(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body(arguments: list[str]) -> None:
+        for file in (cli.__file__, __file__):
+            warnings.warn_explicit("it has changed", UserWarning, file, 7)
+
+    monkeypatch.setattr("sys.argv", ["prog", "a=b"])
+    before = warnings.formatwarning
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda *arguments: print(warnings.formatwarning(*arguments[:4]), end="", file=sys.stderr)
+        cli.run("prog", "", body)
+    assert warnings.formatwarning is before
+    first, second, *_ = capsys.readouterr().err.splitlines()
+    assert first == "prog: it has changed"
+    assert second == f"{__file__}:7: UserWarning: it has changed"

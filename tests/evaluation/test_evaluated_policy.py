@@ -11,11 +11,12 @@ import pytest
 
 from helpers.learners import make_policy
 from helpers.programs import program
+from helpers.projects import edit, make_project
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.grid import read_grid
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
-from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 
 SHORT = "evaluation.episode_steps=20"
 MEASURED = Evaluation({"return": estimate([1.0, 2.0])}, {}, 0.5, {"fall": 2})
@@ -103,3 +104,27 @@ def test_traces_have_their_seeds_and_a_bound_that_is_asked_for_ends_them(copy: P
 def test_policies_are_ranked_by_the_true_objective_then_the_return() -> None:
     metrics = {"return": Estimate(5.0, None, 1, None, None), "true_objective": Estimate(2.0, None, 1, None, None)}
     assert rank_key(Evaluation(metrics, {}, 0.0, {})) == [2.0, 5.0]
+
+
+def test_another_robot_is_measured_anew_and_so_is_one_whose_included_file_changed(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_project(tmp_path / "project")
+    measured: list[LoadedPolicy] = []
+
+    def measure(loaded: LoadedPolicy, *arguments: Any) -> Evaluation:
+        measured.append(loaded)
+        return MEASURED
+
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", measure)
+
+    def evaluation() -> None:
+        loaded = load_policy(copy, robot=tmp_path / "project" / "robot.yaml")
+        EvaluatedPolicy(loaded, [], copy).evaluation(2, 0, lambda n: None)
+
+    subject(copy).evaluation(2, 0, lambda n: None)
+    for change, times in (("<mujoco>", 2), ("<mujoco><!-- -->", 2), ('<mujoco><option gravity="0 0 -9"/>', 3)):
+        edit(tmp_path / "project" / "models" / "hector" / "parts" / "all.xml", "<mujoco>", change)
+        for _ in range(2):
+            evaluation()
+        assert len(measured) == times

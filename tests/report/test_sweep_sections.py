@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from helpers.projects import trained_project
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.statistics import Estimate
 from ogmp_sb3.report.panels import sweep_of
-from ogmp_sb3.report.sweep_sections import evenly_spaced, highest_return, objectives
+from ogmp_sb3.report.sweep_sections import evenly_spaced, highest_return, load_subjects, objectives
+from ogmp_sb3.runs.multirun import read_sweep
 from ogmp_sb3.runs.run_directory import Run
 
 
@@ -49,3 +52,13 @@ def test_objectives_have_the_interval_of_the_episodes_or_that_of_the_seeds(tmp_p
     header, *lines = (tmp_path / "objectives.csv").read_text().splitlines()
     assert header == "objective,line,value,mean,low,high,seeds"
     assert lines[:2] == ["surrogate: return,,0.3,2.0,1.0,3.0,2", "surrogate: return,,0.5,7.0,6.5,7.5,1"]
+
+
+def test_the_jobs_of_a_sweep_that_has_moved_have_their_robots(tmp_path: Path) -> None:
+    run = trained_project(tmp_path / "project")
+    shutil.copytree(run, tmp_path / "project" / "sweep" / "rho=0.3")
+    shutil.move(tmp_path / "project" / "sweep", tmp_path / "archive")
+    shutil.rmtree(tmp_path / "project")
+    subjects, notes = load_subjects(sweep_of(read_sweep(tmp_path / "archive")), "best", [])
+    ((path, subject),) = subjects.items()
+    assert notes[path] == "" and subject.task.robot_config.path == tmp_path / "archive" / "rho=0.3/robot/robot.yaml"

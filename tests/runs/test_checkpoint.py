@@ -140,6 +140,8 @@ NETWORK = {"lstm_hidden_size": 8, "n_lstm_layers": 1}
         ({"format": None}, "format None"),
         ({"task": None}, "'task' must be a mapping"),
         ({"task": {"modes": 3}}, "dive.yaml"),
+        ({"robot": 3}, "'robot' must be a mapping"),
+        ({"robot": {}}, "'robot.digest' is missing"),
         ({"task_file": 3}, "'task_file' must be text"),
         ({"network": None}, "'network' must be a mapping"),
         ({"network": {"actions": 10, "kwargs": NETWORK}}, "'network.scale' is missing"),
@@ -262,10 +264,11 @@ def test_the_digest_is_of_what_counts_and_not_of_paths(run: Path, tmp_path: Path
     digest = load_policy("run").digest
     assert load_policy(copy).digest == load_policy(f"../{tmp_path.name}/run").digest == digest
     robot = load_policy(copy).task.robot_config
-    heavier = tmp_path / "heavier.xml"
-    heavier.write_text(robot.mjcf_path.read_text(encoding="utf-8") + "<!-- -->", encoding="utf-8")
+    mjcf, heavier = robot.mjcf_path.read_text(encoding="utf-8"), tmp_path / "heavier.xml"
     loaded = load_policy(copy)
     task = replace(loaded.task, robot_config=replace(robot, mjcf=str(heavier)))
-    assert replace(loaded, task=task).digest != digest
+    for change, same in ((("</mujoco>", "</mujoco><!-- -->"), True), (('mass="', 'mass="1'), False)):
+        heavier.write_text(mjcf.replace(*change), encoding="utf-8")
+        assert (replace(loaded, task=task).digest == digest) == same
     other = replace(loaded.task, encoder="dive")
     assert replace(loaded, task=other).digest != digest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from safetensors.numpy import save_file
 from helpers.batches import actions
 from helpers.failures import PATH, failed_step
 from helpers.programs import SMALL, program
-from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.load import load_robot, task_from_data
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env import batch_env as env_module
 from ogmp_sb3.env.failed_step import UnstableStep, capture, replay
 from ogmp_sb3.runs.failed_steps import MOST, load_step, save_step
+from ogmp_sb3.runs.robot_copy import keep_robot
 from ogmp_sb3.runs.run_directory import read_log
 
 
@@ -129,3 +131,12 @@ def test_a_training_goes_on_counts_keeps_and_says_how_to_replay(tmp_path: Path, 
     assert shown.returncode == 0, shown.stderr
     assert "fails in physics step 1 of 15" in shown.stdout
     assert "seed 3" in shown.stdout and "environment 3" in shown.stdout
+
+
+def test_a_step_of_a_run_that_has_moved_is_replayed_with_the_run_s_robot(failed, tmp_path: Path) -> None:
+    step, data = failed
+    robot, record = keep_robot(load_robot("hector"), "hector", tmp_path)
+    file, data = tmp_path / "unstable" / "1.safetensors", {**data, "robot": "/no/robot.yaml"}
+    save_step(step, file, task=data, task_file=str(PATH), robot=asdict(record))
+    _, task = load_step(file)
+    assert task.robot_config == load_robot(str(robot.path))

@@ -37,6 +37,7 @@ class BenchConfig:
     steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or four rollouts", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
     run: str | None = cli.option("physics: policy whose motions on its task are replayed; null: noise", None)
+    robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
     json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)
 
@@ -72,11 +73,12 @@ def _run(arguments: list[str]) -> None:
     if config.json:
         Path(config.json).parent.mkdir(parents=True, exist_ok=True)
     if config.run:
-        loaded = load_policy(config.run, config.trust, config.task)
+        loaded = load_policy(config.run, config.trust, config.task, config.robot)
         task = task_for_test(loaded.task_data, loaded.task_path, overrides, None, PROGRAM, TRAINING_ONLY)
         numbers = bench_physics(task, loaded.policy, config.num_envs, config.repeats)
     else:
-        task = load_task(config.task or "parkour", overrides)
+        robot = [f"robot={config.robot}"] if config.robot else []
+        task = load_task(config.task or "parkour", [*overrides, *robot])
         if config.what == "physics":
             numbers = bench_physics(task, None, config.num_envs, config.repeats)
         elif config.what == "sim":

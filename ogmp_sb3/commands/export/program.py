@@ -35,6 +35,7 @@ class ExportConfig:
 
     run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
     out: str = cli.option("directory to write")
+    robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
@@ -52,7 +53,7 @@ def _run(arguments: list[str]) -> None:
     cli.require("export", "onnx", "onnxruntime")
     from ogmp_sb3.commands.export.controller import Controller
 
-    loaded, out = load_policy(config.run, config.trust, config.task), Path(config.out)
+    loaded, out = load_policy(config.run, config.trust, config.task, config.robot), Path(config.out)
     if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
         raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")
     env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)

@@ -19,12 +19,14 @@ from ogmp_sb3.commands.train.composition import given_bare
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
 from ogmp_sb3.commands.train.usage import usage
-from ogmp_sb3.config.catalogue import shown_path
+from ogmp_sb3.config.catalogue import find, shown_path
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_value
+from ogmp_sb3.runs.own_files import run_robot
+from ogmp_sb3.runs.robot_copy import ROBOT
 from ogmp_sb3.runs.run_directory import CONFIG, FAILURE, RESUMABLE, checkpoint_dirs, run_config
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.runs.training import Job, begin_or_go_on, train
@@ -79,11 +81,15 @@ def _resume(arguments: list[str]) -> None:
     changes = dict(argument.partition("=")[::2] for argument in arguments)
     run_dir = Path(changes.pop("resume"))
     data = run_config(run_dir)
+    if "robot" in changes and (run_dir / ROBOT).is_dir():
+        raise KeyError(f"'robot' cannot change when a run is resumed: it goes on with {run_dir / ROBOT}.")
+    if "robot" in changes:
+        data["task"]["robot"] = str(find("robot", changes.pop("robot")).absolute())
     for key, value in changes.items():
         if key not in RESUMABLE:
             raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
         data["train"][key] = read_value(value)
-    task = task_from_data(data["task"], Path(data["task_file"]))
+    task = task_from_data({**data["task"], "robot": str(run_robot(run_dir, data))}, Path(data["task_file"]))
     config = read(TrainConfig, data["train"], Where(str(run_dir / CONFIG), "train"))
     resume = bool(checkpoint_dirs(run_dir))
     if not resume:

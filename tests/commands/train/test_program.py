@@ -68,11 +68,13 @@ def test_what_is_measured_of_a_policy_that_will_be_replaced_is_not_replaced_with
     assert '"ci95": [\n    null,\n    null\n   ]' in found and "NaN" not in found  # of one episode
 
 
-def test_a_policy_is_tensors_and_json_and_knows_its_task(run: Path) -> None:
+def test_a_policy_is_tensors_and_text_and_knows_its_task(run: Path) -> None:
     loaded = load_policy(run)
     assert (loaded.task.rho, loaded.task.oracle, loaded.task.name) == (0.4, "lqr", "parkour")
     assert loaded.policy.features_extractor.count > 0
-    assert {p.suffix for p in loaded.path.rglob("*") if p.is_file()} == {".safetensors", ".json"}
+    files = [path.relative_to(loaded.path) for path in loaded.path.rglob("*") if path.is_file()]
+    assert {file.suffix for file in files if file.parts[0] != "robot"} == {".safetensors", ".json"}
+    assert [str(file) for file in sorted(files) if file.parts[0] == "robot"] == ["robot/hector.xml", "robot/robot.yaml"]
     assert Path(loaded.task.encoder).parent == run  # the encoder it was trained with
 
 
