@@ -7,6 +7,7 @@ In a container the package may be read-only and the user without a home; a home 
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import os
 import stat
@@ -21,6 +22,7 @@ import numba
 PACKAGE = Path(__file__).parent
 COMPILED = ("env", "guidance", "sb3")  # packages with compiled functions
 PRIVATE = f"ogmp_sb3-{os.getuid()}"  # name of a directory among the temporary files
+FULL = (errno.ENOSPC, errno.EDQUOT)  # of a disk, and of a user's share of it
 NEEDED = 1 << 20  # bytes: room for the machine code of a function, or for a small policy
 
 
@@ -43,6 +45,27 @@ def can_write(folder: Path) -> bool:
         check_writable(folder)
     except OSError:
         return False
+    return True
+
+
+def mount_point(path: Path) -> Path:
+    """Where the disk that a file lies on, or would lie on, is mounted."""
+    return next(above for above in (path.absolute(), *path.absolute().parents) if os.path.ismount(above))
+
+
+def full_disks() -> list[Path]:
+    """Where those of the disks are mounted that a program writes on unasked and that have no room."""
+    home = _xdg("XDG_CACHE_HOME", "~/.cache")
+    kept = getattr(numba.config, "CACHE_DIR", None) or PACKAGE
+    places = (Path(), home, os.environ.get("TMPDIR") or "/tmp", kept)
+    return sorted({mount_point(Path(place)) for place in places if place is not None and not _has_room(Path(place))})
+
+
+def _has_room(folder: Path) -> bool:
+    try:
+        check_writable(folder)
+    except OSError as error:
+        return error.errno not in FULL
     return True
 
 

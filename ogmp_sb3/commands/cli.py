@@ -7,6 +7,7 @@ import importlib.util
 import sys
 import typing
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from rich.console import Console
@@ -14,6 +15,8 @@ from rich.console import Console
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value
+from ogmp_sb3.machine import check_writable
+from ogmp_sb3.runs.atomic import reason
 
 C = TypeVar("C")
 
@@ -120,12 +123,26 @@ def fail(program: str, error: BaseException) -> NoReturn:
 def one_line(program: str, error: BaseException) -> str:
     """What a mistake is, without the name of the program."""
     if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}." if error.filename else f"{error.strerror}."
+        text = f"{error.filename}: {reason(error)}." if error.filename else f"{reason(error)}."
     elif isinstance(error, MemoryError):
         text = f"not enough memory. {error}"
     else:
         text = str(error.args[0] if error.args else error)
     return " ".join(text.removeprefix(f"{program}: ").split())
+
+
+def check_out(out: Path) -> None:
+    """Check that results can be saved in a directory, before any work is done for them.
+
+    :raises ValueError: if not
+    """
+    try:
+        check_writable(out)
+    except OSError as error:
+        why = f"{error.filename}: {reason(error)}"
+        raise ValueError(
+            f"'{out}': nothing can be saved there ({why}). Give another directory: out=<directory>."
+        ) from None
 
 
 def task_keys(task: type[Any]) -> tuple[str, ...]:

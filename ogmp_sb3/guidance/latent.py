@@ -105,7 +105,7 @@ def copy_encoder(name_or_path: str, folder: Path) -> None:
     source = encoder_dir(name_or_path)
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("encoder.json", "encoder.safetensors"):
-        shutil.copy(source / name, folder / name)
+        shutil.copyfile(source / name, folder / name)
 
 
 def changed_file(saved: Path, used: Path) -> str | None:

@@ -33,8 +33,13 @@ Subjects = dict[Path, EvaluatedPolicy]
 Evaluations = dict[Path, Evaluation]
 
 
-def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subjects, dict[Path, str]]:
-    """The policies of the jobs, and the reasons why jobs have none, both by directory."""
+def load_subjects(
+    sweep: Sweep, policy: str, overrides: list[str], out: Path | None = None
+) -> tuple[Subjects, dict[Path, str]]:
+    """The policies of the jobs, and the reasons why jobs have none, both by directory.
+
+    :param out: where the results of jobs are kept whose own directories cannot be written
+    """
     subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
     for job in sweep.jobs:
         if not job.config:
@@ -44,7 +49,7 @@ def load_subjects(sweep: Sweep, policy: str, overrides: list[str]) -> tuple[Subj
         except (ValueError, KeyError) as error:
             notes[job.path] = str(error.args[0])
         else:
-            subjects[job.path] = EvaluatedPolicy(loaded, overrides, job.path)
+            subjects[job.path] = EvaluatedPolicy(loaded, overrides, job.path, out)
     return subjects, notes
 
 

@@ -18,7 +18,7 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-from ogmp_sb3.runs.atomic import reason, replacing
+from ogmp_sb3.runs.atomic import naming, reason, replacing
 
 STEP_COLUMN = "time/total_timesteps"
 
@@ -79,7 +79,7 @@ class CsvWriter(KVWriter):
                 self._rewrite()
 
     def _append(self, row: dict[str, Any]) -> None:
-        with self.path.open("a", newline="", encoding="utf-8") as file:
+        with naming(self.path), self.path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, self.columns).writerow(row)
 
     def _rewrite(self) -> None:
