@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import signal
 import sys
+import threading
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -102,11 +105,32 @@ def run(program: str, help_text: str | Callable[[], str], body: Callable[[list[s
         print(f"{text}\n", end="")  # in one write, so that `| head` breaks no pipe
         return
     try:
-        body(arguments)
+        with _ended_like_ctrl_c():
+            body(arguments)
     except MISTAKES as error:
         fail(program, error)
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """Have the signals that end a program do so as Ctrl-C does, so that it leaves nothing half-written.
+
+    Those that are ignored, as by ``nohup``, stay ignored, and those that somebody handles are his.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread gets signals
+        return
+    ending = (signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
+    taken = [number for number in ending if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def console() -> Console:

@@ -8,9 +8,7 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
-from omegaconf.errors import InterpolationToMissingValueError
 
-from ogmp_sb3.commands import cli
 from ogmp_sb3.runs.run_directory import FAILURE
 
 
@@ -22,11 +20,7 @@ class Failures(Callback):
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Forget what failed before."""
-        try:
-            folder = Path(config.hydra.sweep.dir)
-        except InterpolationToMissingValueError:  # the directory of a ready sweep is named after its task
-            cli.fail("ogmp-train", ValueError("for several tasks give a directory too: hydra.sweep.dir=<directory>."))
-        for file in folder.rglob(FAILURE):
+        for file in Path(config.hydra.sweep.dir).rglob(FAILURE):
             file.unlink()
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
