@@ -82,20 +82,21 @@ def _resolved(node: Any, parent: Any, key: Any, where: Where) -> Any:
         return node
     try:
         inner = parent[key]
-        if isinstance(node, dict):
-            return {name: _resolved(value, inner, name, where / name) for name, value in node.items()}
-        if isinstance(node, list):
-            return [_resolved(value, inner, i, where / i) for i, value in enumerate(node)]
-        value = OmegaConf.to_container(inner, resolve=True) if OmegaConf.is_config(inner) else inner
-        return read_value(value) if isinstance(value, str) else value
+        if OmegaConf.is_config(inner):
+            node = OmegaConf.to_container(inner)  # also where a text refers to it
+        elif isinstance(node, str):
+            return read_value(inner) if isinstance(inner, str) else inner
     except UNREADABLE as error:
-        raise ValueError(f"{where}: {str(node)!r} has no value ({_first_line(error)}).") from None
+        raise ValueError(f"{where}: {node!r} has no value ({_first_line(error)}).") from None
+    if isinstance(node, dict):
+        return {name: _resolved(value, inner, name, where / name) for name, value in node.items()}
+    return [_resolved(value, inner, i, where / i) for i, value in enumerate(node)]
 
 
 def _first_line(error: Exception) -> str:
-    cause = error.__cause__  # of a variable of the environment
-    text = cause.args[0] if isinstance(cause, KeyError) and cause.args else error
-    return str(text).strip().partition("\n")[0].rstrip(".")
+    """What OmegaConf says, without the place and without the kind of an error of the environment's."""
+    line = str(error).strip().partition("\n")[0].rstrip(".")
+    return line.rpartition("raised while resolving interpolation: ")[2].strip("\"'")
 
 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:

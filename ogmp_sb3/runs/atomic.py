@@ -153,7 +153,8 @@ def reason(error: OSError) -> str:
     if error.errno not in FULL:
         return text
     disks = [mount_point(Path(error.filename))] if error.filename else full_disks()
-    return ": ".join([text, *(f"the disk mounted at {disk} is full" for disk in disks)])
+    places = " and ".join(f"the disk mounted at {disk}" for disk in disks)
+    return f"{text}: {places} {'is' if len(disks) == 1 else 'are'} full" if disks else text
 
 
 def _beside(folder: Path, ending: str) -> Path:

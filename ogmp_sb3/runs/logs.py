@@ -69,6 +69,11 @@ def transcript(folder: Path) -> Iterator[None]:
 class _Transcript(logging.FileHandler):
     """A file that a training can do without."""
 
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line."""
+        with contextlib.suppress(OSError):  # of a file that cannot be opened
+            super().emit(record)
+
     def handleError(self, record: logging.LogRecord) -> None:
         """Say nothing of a line that finds no room, where Python would show a traceback."""
 

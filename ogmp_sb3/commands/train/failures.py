@@ -20,14 +20,27 @@ class Failures(Callback):
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Forget what failed before."""
-        for file in Path(config.hydra.sweep.dir).rglob(FAILURE):
+        folder = Path(config.hydra.sweep.dir)
+        for file in folder.rglob(FAILURE):
             file.unlink()
+        _running[:] = [folder]
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """:raises SystemExit: with exit code 2, if a job failed"""
-        folder = Path(config.hydra.sweep.dir)
-        files = sorted(folder.rglob(FAILURE))
-        for file in files:
-            print(f"ogmp-train: {file.parent.relative_to(folder)}: {file.read_text(encoding='utf-8')}", file=sys.stderr)
-        if files:
+        if tell_failures():
             raise SystemExit(2)
+
+
+_running: list[Path] = []  # the directory of the multirun that has not ended
+
+
+def tell_failures() -> int:
+    """Print a line for each job of the multirun that failed, once.
+
+    :return: how many
+    """
+    files = [(folder, file) for folder in _running for file in sorted(folder.rglob(FAILURE))]
+    _running.clear()
+    for folder, file in files:
+        print(f"ogmp-train: {file.parent.relative_to(folder)}: {file.read_text(encoding='utf-8')}", file=sys.stderr)
+    return len(files)

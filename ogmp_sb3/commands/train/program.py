@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
+from ogmp_sb3.commands.train.failures import tell_failures
 from ogmp_sb3.commands.train.jobs import read_job
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.start import remove_unused
@@ -85,6 +86,7 @@ def _train(arguments: list[str]) -> None:
     try:
         run_hydra(_hydra_main)
     except BaseException:
+        tell_failures()  # of a sweeper that gave up
         remove_unused()
         raise
 

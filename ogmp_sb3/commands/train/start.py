@@ -21,12 +21,12 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import PROGRAM, quoted, sentence
-from ogmp_sb3.commands.train.jobs import read_job
+from ogmp_sb3.commands.train.jobs import plain, read_job
 from ogmp_sb3.runs.atomic import occupied
 from ogmp_sb3.runs.multirun import SWEEPERS
 from ogmp_sb3.runs.run_directory import CONFIG, FAILURE
@@ -108,17 +108,17 @@ def _jobs(config: DictConfig) -> list[list[str]]:
     sweeper = config.hydra.sweeper
     if not str(sweeper._target_).endswith(SWEEPERS):
         return []
-    params = [f"{key}={value}" for key, value in (OmegaConf.to_container(sweeper).get("params") or {}).items()]  # type: ignore[union-attr]
+    params = [f"{key}={value}" for key, value in (plain(sweeper).get("params") or {}).items()]
     parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
-    overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
+    overrides = parser.parse_overrides([*params, *plain(config.hydra.overrides.task)])
     (jobs,) = BasicSweeper.split_arguments(overrides, None)
     return jobs
 
 
 def _is_new(config: DictConfig, mode: str) -> bool:
     """Whether the directory is named after the time by default; who names one decides by himself."""
-    text = str(OmegaConf.to_container(config.hydra[mode])["dir"])  # type: ignore[index,call-overload]
-    typed = (override.partition("=")[0].lstrip("+") for override in config.hydra.overrides.hydra)
+    text = str(plain(config.hydra[mode])["dir"])
+    typed = (override.partition("=")[0].lstrip("+") for override in plain(config.hydra.overrides.hydra))
     return BY_TIME in text and f"hydra.{mode}.dir" not in typed
 
 
