@@ -30,6 +30,7 @@ from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
 # Importing these modules registers what a task file can name.
 from ogmp_sb3.evaluation import metrics  # noqa: F401
 from ogmp_sb3.guidance import modes, oracles  # noqa: F401
+from ogmp_sb3.machine import import_matplotlib
 from ogmp_sb3.rendering.opengl import import_mujoco
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ _LATER = {
     "write_video": "rendering.video",
 }
 
+import_matplotlib()
 import_mujoco()
 
 for _name in (path.stem for path in sorted(TASKS_DIR.glob("*.yaml"))):

@@ -183,6 +183,8 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(CheckConfig, keys, PROGRAM, cli.task_keys(TaskConfig))
     if len(names) > 1 and config.out:
         raise ValueError("'out' takes the picture of one task: check them one by one.")
+    if config.out:
+        cli.check_out(Path(config.out))
     console = cli.console()
     if config.schema:
         save_json(Path(config.schema), task_schema())

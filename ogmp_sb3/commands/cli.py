@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import signal
 import sys
+import threading
 import typing
 import warnings
 from collections.abc import Callable, Iterator
@@ -18,6 +20,8 @@ from ogmp_sb3.config.catalogue import PACKAGE
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_value
+from ogmp_sb3.machine import check_writable
+from ogmp_sb3.runs.atomic import reason
 
 C = TypeVar("C")
 
@@ -104,7 +108,7 @@ def run(program: str, help_text: str | Callable[[], str], body: Callable[[list[s
         print(f"{text}\n", end="")  # in one write, so that `| head` breaks no pipe
         return
     try:
-        with _plain_warnings(program):
+        with _plain_warnings(program), _ended_like_ctrl_c():
             body(arguments)
     except MISTAKES as error:
         fail(program, error)
@@ -130,6 +134,26 @@ def _plain_warnings(program: str) -> Iterator[None]:
         warnings.formatwarning = others
 
 
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """Have the signals that end a program do so as Ctrl-C does, so that it leaves nothing half-written.
+
+    Those that are ignored, as by ``nohup``, stay ignored, and those that somebody handles are his.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread gets signals
+        return
+    ending = (signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
+    taken = [number for number in ending if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def console() -> Console:
     """Where programs print: brackets and colons are text, and no line is broken, so that a path can be copied."""
     return Console(markup=False, emoji=False, soft_wrap=True)
@@ -144,12 +168,26 @@ def fail(program: str, error: BaseException) -> NoReturn:
 def one_line(program: str, error: BaseException) -> str:
     """What a mistake is, without the name of the program."""
     if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}." if error.filename else f"{error.strerror}."
+        text = f"{error.filename}: {reason(error)}." if error.filename else f"{reason(error)}."
     elif isinstance(error, MemoryError):
         text = f"not enough memory. {error}"
     else:
         text = str(error.args[0] if error.args else error)
     return " ".join(text.removeprefix(f"{program}: ").split())
+
+
+def check_out(out: Path) -> None:
+    """Check that results can be saved in a directory, before any work is done for them.
+
+    :raises ValueError: if not
+    """
+    try:
+        check_writable(out)
+    except OSError as error:
+        why = f"{error.filename}: {reason(error)}"
+        raise ValueError(
+            f"'{out}': nothing can be saved there ({why}). Give another directory: out=<directory>."
+        ) from None
 
 
 def task_keys(task: type[Any]) -> tuple[str, ...]:

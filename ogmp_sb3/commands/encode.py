@@ -61,6 +61,7 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EncodeConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     task = load_task(config.task, overrides)
     out = Path(config.out) if config.out else Path("encoders") / task.name
+    cli.check_out(out)
     out.mkdir(parents=True, exist_ok=True)
     th.set_num_threads(1)  # the network is too small for more
 

@@ -185,10 +185,11 @@ def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     loaded = load_policy(config.run, config.trust, config.task, config.robot)
     analysis, request = config.analysis, _request(config, loaded, overrides)
+    out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
+    cli.check_out(out)
     with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
         result = analysis.measure(request, bar.update)
     report = {**_origin(config, loaded, overrides, request), **result}
-    out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
     files = _write(analysis, report, out)
     console = cli.console()
     if analysis.show is not None:

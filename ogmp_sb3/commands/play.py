@@ -11,6 +11,7 @@ from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.machine import check_writable
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.video import check_suffix, picture_count, write_video
@@ -96,12 +97,21 @@ def _run(arguments: list[str]) -> None:
         Viewer(load_player, config.host, config.port, overrides, config.seed).run()
         return
     player = load_player(overrides)
+    _check_file(path)
     gl_library()  # before a long play
     steps = max(1, round(config.seconds / player.task.control_dt))
     frames = [player.frame, *(player.step() for _ in range(steps))]
     with progress_bar(picture_count(len(frames), path), "picture") as bar:
         write_video(frames, player.task, path, bar.update)
     cli.console().print(str(path))
+
+
+def _check_file(path: Path) -> None:
+    """:raises OSError: if a file cannot be written, before any work is done for it"""
+    check_writable(path.parent)
+    if path.exists():
+        with path.open("ab"):
+            pass
 
 
 def main() -> None:

@@ -101,7 +101,8 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     loaded, home = load_policy(name, config.trust, config.task, config.robot), owner(name)
     run = read_run(home) if home and (home / CONFIG).is_file() else None
     out = Path(config.out) if config.out else default_out(name, loaded.name, "report")
-    subject = EvaluatedPolicy(loaded, overrides, home or out)
+    cli.check_out(out)
+    subject = EvaluatedPolicy(loaded, overrides, home or out, out)
     out.mkdir(parents=True, exist_ok=True)
     sections = [
         report_run.overview(subject, run),
@@ -124,8 +125,9 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
     if (folder / CONFIG).is_file():
         raise ValueError(f"'{folder}' is one run, not a multirun: give it as run={folder}.")
     sweep = sweep_of(read_sweep(folder))
-    subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides, config.robot)
     out, episodes = Path(config.out) if config.out else folder / "report", config.episodes or JOB_EPISODES
+    cli.check_out(out)
+    subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides, out, config.robot)
     out.mkdir(parents=True, exist_ok=True)
     evaluations = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
     sections = [

@@ -16,7 +16,7 @@ from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig, Terms
 from ogmp_sb3.config.variation import CurriculumConfig
-from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
+from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml, resolved
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
@@ -30,7 +30,8 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     """
     path = find("task", name_or_path)
     data = read_yaml(path)
-    return task_from_data(apply_overrides(data, overrides, shown_path(path)), path)
+    data = apply_overrides(data, overrides, shown_path(path))
+    return task_from_data(resolved(data, Where(shown_path(path))), path)
 
 
 def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
@@ -68,7 +69,8 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     :param relative_to: directory that a relative path starts from
     """
     path = find("robot", name_or_path, relative_to)
-    robot = replace(read(RobotConfig, read_yaml(path), Where(shown_path(path))), path=path)
+    where = Where(shown_path(path))
+    robot = replace(read(RobotConfig, resolved(read_yaml(path), where), where), path=path)
     if not is_file(robot.mjcf_path):
         raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
     return robot

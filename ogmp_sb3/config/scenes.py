@@ -13,7 +13,7 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import SequenceEntry, TaskConfig
-from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml
+from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml, resolved
 
 TRAINING_ONLY = {
     "rho": "none",
@@ -53,13 +53,13 @@ def task_for_test(
             raise ValueError(f"{program}: '{name}' is for training alone; a test has {TRAINING_ONLY[name]}.")
     if scene is not None:
         _apply_scene(data, scene, overrides)
-    return task_from_data(data, path)
+    return task_from_data(resolved(data, Where(shown_path(path))), path)
 
 
 def _apply_scene(data: dict[str, Any], name_or_path: str, overrides: list[str]) -> None:
     """Put a scene into plain task data: its sequence of modes is what is drawn."""
     path = find("scene", name_or_path)
-    data_of_scene = read_yaml(path)
+    data_of_scene = resolved(read_yaml(path), Where(shown_path(path)))
     scene = read(Scene, data_of_scene, Where(shown_path(path)))
     for override in overrides:
         key, _, text = override.partition("=")

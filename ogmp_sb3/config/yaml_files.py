@@ -49,6 +49,56 @@ def read_value(text: str) -> Any:
         raise ValueError(" ".join(str(error).split())) from None
 
 
+def resolved(data: dict[str, Any], where: Where, names: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Plain data with values in place of ``${...}``; a text that comes of one is read as a YAML file would have it.
+
+    :param data: as it was read, a text such as ``${horizon}`` or ``${oc.env:SEED}`` still being text
+    :param where: for messages
+    :param names: what a name may mean beside the keys of the data itself
+    :raises ValueError: naming the key, if there is no such value
+    """
+    if not _has_reference(data):
+        return data
+    try:
+        root = OmegaConf.create({**(names or {}), **data})
+    except UNREADABLE as error:
+        raise ValueError(f"{where}: a value with ${{...}} cannot be read ({_first_line(error)}).") from None
+    return {key: _resolved(value, root, key, where / key) for key, value in data.items()}
+
+
+def _has_reference(node: Any) -> bool:
+    if isinstance(node, dict | list):
+        return any(_has_reference(value) for value in (node.values() if isinstance(node, dict) else node))
+    return isinstance(node, str) and "${" in node
+
+
+def _resolved(node: Any, parent: Any, key: Any, where: Where) -> Any:
+    """A value of plain data.
+
+    :param parent: the node of OmegaConf's that holds it
+    :param key: under which it does
+    """
+    if not _has_reference(node):
+        return node
+    try:
+        inner = parent[key]
+        if OmegaConf.is_config(inner):
+            node = OmegaConf.to_container(inner)  # also where a text refers to it
+        elif isinstance(node, str):
+            return read_value(inner) if isinstance(inner, str) else inner
+    except UNREADABLE as error:
+        raise ValueError(f"{where}: {node!r} has no value ({_first_line(error)}).") from None
+    if isinstance(node, dict):
+        return {name: _resolved(value, inner, name, where / name) for name, value in node.items()}
+    return [_resolved(value, inner, i, where / i) for i, value in enumerate(node)]
+
+
+def _first_line(error: Exception) -> str:
+    """What OmegaConf says, without the place and without the kind of an error of the environment's."""
+    line = str(error).strip().partition("\n")[0].rstrip(".")
+    return line.rpartition("raised while resolving interpolation: ")[2].strip("\"'")
+
+
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
     """Put overrides into plain data, in place, and return it.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from ogmp_sb3.guidance.rotations import wrap_angle
 from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
+from ogmp_sb3.machine import compiled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.nd
     return state, linvel_b
 
 
-@numba.njit(cache=True)
+@compiled
 def _srb_state(pose, velocity, state, linvel_b):  # type: ignore[no-untyped-def]
     rotation = np.empty((3, 3))
     for row in range(len(pose)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from ogmp_sb3.evaluation.grid import Grid, evaluate_cell, limits
 from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.evaluation.statistics import estimates_as_data
 from ogmp_sb3.evaluation.traces import Trace, make_trace
+from ogmp_sb3.machine import can_write
 from ogmp_sb3.runs.policies import LoadedPolicy
 from ogmp_sb3.runs.settings import RECORDED, versions
 
@@ -31,14 +33,17 @@ class EvaluatedPolicy:
     :param loaded: the policy
     :param overrides: of the task, ``key=value``
     :param folder: where its results are kept: the run directory, or another one for a policy without a run
+    :param spare: where new results are kept if nothing can be written in ``folder``
     """
 
-    def __init__(self, loaded: LoadedPolicy, overrides: list[str], folder: Path) -> None:
+    def __init__(self, loaded: LoadedPolicy, overrides: list[str], folder: Path, spare: Path | None = None) -> None:
         self.loaded = loaded
         self.overrides = overrides
         self.task = self._task([])
         self._folder = folder
-        self._results = ResultCache(folder / RESULTS)
+        kept = folder / RESULTS
+        elsewhere = spare is not None and not _can_append(kept)
+        self._results = ResultCache(spare / RESULTS, kept) if spare and elsewhere else ResultCache(kept)
         self._settings = {"policy": loaded.digest, "versions": _deciding(versions()), "overrides": overrides}
 
     @property
@@ -116,6 +121,10 @@ class EvaluatedPolicy:
             return Evaluation.from_data(report) if same else None
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
+
+
+def _can_append(file: Path) -> bool:
+    return os.access(file, os.W_OK) if file.exists() else can_write(file.parent)
 
 
 def rank_key(evaluation: Evaluation) -> list[float]:

@@ -7,17 +7,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ogmp_sb3.runs.atomic import naming
+
 
 class ResultCache:
     """A file of results, one JSON line each, found by the settings they were computed with.
 
     :param path: the file; its directory is made when the first result comes
+    :param others: files whose results are known too, and that are not written to
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *others: Path) -> None:
         self.path = path
         self._known: dict[str, Any] = {}
-        for line in path.read_text("utf-8", "replace").splitlines() if path.is_file() else []:
+        files = [file for file in (*others, path) if file.is_file()]
+        for line in (line for file in files for line in file.read_text("utf-8", "replace").splitlines()):
             try:
                 entry = json.loads(line)
                 self._known[_key(entry["settings"])] = entry["result"]
@@ -34,7 +38,7 @@ class ResultCache:
         if key not in self._known:
             line = json.dumps({"settings": settings, "result": compute()})
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("a", encoding="utf-8") as file:
+            with naming(self.path), self.path.open("a", encoding="utf-8") as file:
                 file.write(f"\n{line}")  # begins a line of its own even behind one that was cut off
             self._known[key] = json.loads(line)["result"]
         return self._known[key]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch as th
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import nn
 
 from ogmp_sb3.config.task import TaskConfig
@@ -162,5 +162,6 @@ def nearest_mode_accuracy(train: np.ndarray, train_modes: list[str], test: np.nd
 def save_encoder(model: AutoEncoder, folder: Path, info: dict[str, Any]) -> None:
     """Write ``encoder.safetensors`` and ``encoder.json``."""
     folder.mkdir(parents=True, exist_ok=True)
-    save_file({k: v.contiguous() for k, v in model.state_dict().items()}, folder / "encoder.safetensors")
+    tensors = {k: v.contiguous() for k, v in model.state_dict().items()}
+    (folder / "encoder.safetensors").write_bytes(save(tensors))  # readable as the umask says, unlike by save_file
     (folder / "encoder.json").write_text(json.dumps({"format": FORMAT, **info}, indent=1), encoding="utf-8")

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
@@ -21,6 +20,7 @@ from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.guidance.rotations import rpy_to_quat
 from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
+from ogmp_sb3.machine import compiled
 
 LATENT_SIZE = 2
 FEATURES = 13
@@ -105,7 +105,7 @@ def copy_encoder(name_or_path: str, folder: Path) -> None:
     source = encoder_dir(name_or_path)
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("encoder.json", "encoder.safetensors"):
-        shutil.copy(source / name, folder / name)
+        shutil.copyfile(source / name, folder / name)
 
 
 def changed_file(saved: Path, used: Path) -> str | None:
@@ -116,7 +116,7 @@ def changed_file(saved: Path, used: Path) -> str | None:
     return None
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _encode(features, steps, wi1, wh1, b1, wi2, wh2, b2):  # type: ignore[no-untyped-def]
     """Every row by itself: a matrix product over all of them would round by how many there are, and by the padding."""
     rows, hidden, size = len(features), len(wh1), len(wh2)
@@ -135,7 +135,7 @@ def _encode(features, steps, wi1, wh1, b1, wi2, wh2, b2):  # type: ignore[no-unt
     return latent
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _add_product(gates, weights, x):  # type: ignore[no-untyped-def]
     """``gates += x weights``, in place; weights have shape (inputs, gates), so that the inner loop is contiguous."""
     for i in range(len(x)):
@@ -143,7 +143,7 @@ def _add_product(gates, weights, x):  # type: ignore[no-untyped-def]
             gates[j] += x[i] * weights[i, j]
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _lstm_step(gates, h, c):  # type: ignore[no-untyped-def]
     """One step of an LSTM, in place; gates in the order input, forget, cell, output, as in torch."""
     n = len(h)
@@ -154,7 +154,7 @@ def _lstm_step(gates, h, c):  # type: ignore[no-untyped-def]
         h[j] = o * _tanh(c[j])
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _tanh(x):  # type: ignore[no-untyped-def]
     """tanh as a continued fraction, which the compiler can vectorise; the error is below 1e-6."""
     x = min(max(x, -8.0), 8.0)

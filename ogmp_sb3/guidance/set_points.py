@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from ogmp_sb3.config.task import GaitConfig
 from ogmp_sb3.guidance.modes import Contact, Span
 from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, STATE_SIZE, VEL
+from ogmp_sb3.machine import compiled
 
 # Columns of a span array: spans of many environments as numbers.
 END, VX, VY, GROUND0, GROUND1, CONTACT, APEX, WX0, WY0, WX1, WY1 = range(11)
@@ -67,7 +67,7 @@ def span_array(rows: list[tuple[float, ...]]) -> np.ndarray:
     return spans
 
 
-@numba.njit(cache=True)
+@compiled
 def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
     """Add spans to one environment's, in place, and hold the last; spans that end behind ``keep_from`` go.
 
@@ -127,7 +127,7 @@ def set_points(
     return SetPoints(state, stance, span, np.asarray(steps), blend=gait.cycle / dt)
 
 
-@numba.njit(cache=True)
+@compiled
 def _fill(spans, timed, x0, dt, height, cycle, state, stance, span):  # type: ignore[no-untyped-def]
     rows, knots = stance.shape
     count = spans.shape[1]
@@ -167,7 +167,7 @@ def _fill(spans, timed, x0, dt, height, cycle, state, stance, span):  # type: ig
                 y += spans[row, at_step, VY] * dt
 
 
-@numba.njit(cache=True)
+@compiled
 def _times(spans, timed, x, start, end):  # type: ignore[no-untyped-def]
     """When each span starts and ends, s from now."""
     now, previous = 0.0, -FOREVER
@@ -181,7 +181,7 @@ def _times(spans, timed, x, start, end):  # type: ignore[no-untyped-def]
         end[i] = now
 
 
-@numba.njit(cache=True)
+@compiled
 def _apex_left(spans, timed, i, duration):  # type: ignore[no-untyped-def]
     """Rise of the set-points over what is left of a span: that of a shorter flight."""
     if timed or spans[i, APEX] == 0.0:
@@ -190,7 +190,7 @@ def _apex_left(spans, timed, i, duration):  # type: ignore[no-untyped-def]
     return spans[i, APEX] * min(duration / max(whole, 1e-9), 1.0) ** 2
 
 
-@numba.njit(cache=True)
+@compiled
 def _lift_off(spans, start, end, i):  # type: ignore[no-untyped-def]
     """The velocity that a flight of duration t which ends dh higher starts with, g t / 2 + dh / t; 0 elsewhere."""
     duration = end[i] - start[i]
@@ -199,7 +199,7 @@ def _lift_off(spans, start, end, i):  # type: ignore[no-untyped-def]
     return 0.5 * GRAVITY * duration + (spans[i, GROUND1] - spans[i, GROUND0]) / duration
 
 
-@numba.njit(cache=True)
+@compiled
 def _vertical_velocity(spans, start, end, i, time):  # type: ignore[no-untyped-def]
     """The lift-off velocity of the coming flight in the stance before it, then ballistic; 0 elsewhere."""
     if spans[i, CONTACT] == STANCE and i + 1 < len(spans):
@@ -211,7 +211,7 @@ def _vertical_velocity(spans, start, end, i, time):  # type: ignore[no-untyped-d
     return 0.0
 
 
-@numba.njit(cache=True)
+@compiled
 def _on_ground(contact, start, end, time, cycle):  # type: ignore[no-untyped-def]
     """Whether the feet are on the ground at a time within a span."""
     if contact != HOP:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from ogmp_sb3.machine import compiled
 
 X0, X1, Y0, Y1, TOP = range(5)
 NOTHING = -50.0  # m: height where there is no ground, and where unused boxes wait
@@ -55,7 +56,7 @@ def height_at(terrain: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return heights
 
 
-@numba.njit(cache=True)
+@compiled
 def _raise_heights(terrain, xy, heights):  # type: ignore[no-untyped-def]
     for row in range(xy.shape[0]):
         for box in terrain[row]:
@@ -90,7 +91,7 @@ def place(terrain: np.ndarray, row: int, boxes: Sequence[tuple[float, ...]], kee
     return bool(_place(terrain[row], np.array(boxes), keep_from))
 
 
-@numba.njit(cache=True)
+@compiled
 def _place(terrain, boxes, keep_from):  # type: ignore[no-untyped-def]
     count = 0
     for box in terrain:

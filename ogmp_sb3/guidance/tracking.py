@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from ogmp_sb3.machine import compiled
 
-@numba.njit(cache=True)
+
+@compiled
 def simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-untyped-def]
     """States under ``u_k = hover - K (x_k - r_k)`` in stance and no input in flight, shape (rows, knots + 1, 12).
 
@@ -34,7 +35,7 @@ def simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-un
     return state
 
 
-@numba.njit(cache=True)
+@compiled
 def simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type: ignore[no-untyped-def]
     """States under the preview control of :func:`~ogmp_sb3.guidance.oracles.preview`, shape (rows, knots + 1, 12).
 
@@ -85,7 +86,7 @@ def simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type
     return state
 
 
-@numba.njit(cache=True)
+@compiled
 def simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # type: ignore[no-untyped-def]
     """:func:`simulate_preview` for an upright body, whose six axes are double integrators of their own.
 
@@ -115,7 +116,7 @@ def simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # ty
     return state
 
 
-@numba.njit(cache=True)
+@compiled
 def _upright_gains(p, v, bp, bv, d, dt, Q, R, P_end, stance, r, last, gains):  # type: ignore[no-untyped-def]
     """The Riccati recursion of :func:`~ogmp_sb3.guidance.oracles.preview` for one axis.
 

@@ -35,12 +35,13 @@ Evaluations = dict[Path, Evaluation]
 
 
 def load_subjects(
-    sweep: Sweep, policy: str, overrides: list[str], robot: str | None = None
+    sweep: Sweep, policy: str, overrides: list[str], out: Path | None = None, robot: str | None = None
 ) -> tuple[Subjects, dict[Path, str]]:
     """The policies of the jobs, and the reasons why jobs have none, both by directory.
 
     :param policy: ``latest`` or ``best``
     :param overrides: of the task, ``key=value``
+    :param out: where the results of jobs are kept whose own directories cannot be written
     :param robot: in place of those of the jobs
     """
     subjects, notes = {}, {job.path: job.problem for job in sweep.jobs}
@@ -52,7 +53,7 @@ def load_subjects(
         except (ValueError, KeyError) as error:
             notes[job.path] = str(error.args[0])
         else:
-            subjects[job.path] = EvaluatedPolicy(loaded, overrides, job.path)
+            subjects[job.path] = EvaluatedPolicy(loaded, overrides, job.path, out)
     return subjects, notes
 
 

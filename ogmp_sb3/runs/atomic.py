@@ -15,7 +15,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ogmp_sb3.machine import FULL, full_disks, mount_point
+
 LOCK = ".lock"  # in a directory that one process at a time may write in
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a file in the errors of the operating system about it, which it leaves out where a disk is full.
+
+    :raises OSError: what the body raises
+    """
+    try:
+        yield
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
 
 
 @contextmanager
@@ -26,8 +41,9 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     temporary = _beside(path, "tmp")
     try:
-        yield temporary
-        _sync(temporary)
+        with naming(path):
+            yield temporary
+            _sync(temporary)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
@@ -93,7 +109,7 @@ def locked(folder: Path) -> Iterator[None]:
     :raises ValueError: if another process is there, or nothing can be written there
     """
     try:
-        descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)  # network file systems lock only for writing
+        descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)  # network file systems lock only for writing
     except OSError as error:
         raise ValueError(f"{folder}: nothing can be written there ({reason(error)}).") from None
     try:
@@ -132,8 +148,13 @@ def occupied(folder: Path) -> bool:
 
 
 def reason(error: OSError) -> str:
-    """What went wrong with a file, in the words of the operating system: ``No space left on device``."""
-    return error.strerror or str(error)
+    """What went wrong with a file, in the words of the operating system; and which disk is full, if one is."""
+    text = error.strerror or str(error)
+    if error.errno not in FULL:
+        return text
+    disks = [mount_point(Path(error.filename))] if error.filename else full_disks()
+    places = " and ".join(f"the disk mounted at {disk}" for disk in disks)
+    return f"{text}: {places} {'is' if len(disks) == 1 else 'are'} full" if disks else text
 
 
 def _beside(folder: Path, ending: str) -> Path:

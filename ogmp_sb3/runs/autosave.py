@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import signal
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -17,6 +19,7 @@ from ogmp_sb3.runs.atomic import reason, remove
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, UnstableSteps
 from ogmp_sb3.runs.checkpoint import copy_policy, load_trainer, policy_weights, save_checkpoint, try_checkpoint
 from ogmp_sb3.runs.learner_state import check_numbers
+from ogmp_sb3.runs.logs import say
 from ogmp_sb3.runs.run_directory import BEST, CHECKPOINTS, checkpoint_dirs, checkpoint_info, entry, tidy_run
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.sb3.policy_average import PolicyAverage
@@ -28,7 +31,7 @@ NOTHING: Score = (-1.0, -1e9)  # below all scores
 
 
 class StopTraining(Exception):
-    """Raised between two updates after Ctrl-C or SIGTERM."""
+    """Raised between two updates after a signal to stop."""
 
 
 class Checkpoints(BaseCallback):
@@ -57,13 +60,24 @@ class Checkpoints(BaseCallback):
         self.best, self.best_at = NOTHING, 0  # score, and the samples it was reached at
         self.kept_at: int | None = None  # samples of the last checkpoint that was written
         self.stop_requested = False
+        self.then: list[Callable[[], object]] = []  # what is to be done when the training is saved
 
     def request_stop(self, signum: int, frame: FrameType | None) -> None:
         """Signal handler: finish the update, save, stop."""
         if self.stop_requested:
             raise KeyboardInterrupt
         self.stop_requested = True
-        print("\nStopping after this update; press Ctrl-C again to quit at once.", file=sys.stderr)
+        again = "press Ctrl-C" if signum == signal.SIGINT else f"send {signal.Signals(signum).name}"
+        say(f"\nStopping after this update; {again} again to quit at once.", sys.stderr)
+
+    def request_save(self, then: Callable[[], object]) -> None:
+        """Save after the present update, then call a function."""
+        self.then.append(then)
+
+    def hand_on(self) -> None:
+        """Call what waits for the training to be saved."""
+        while self.then:
+            self.then.pop(0)()
 
     def _on_training_start(self) -> None:
         self.tried_at = self.num_timesteps
@@ -76,13 +90,14 @@ class Checkpoints(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.stop_requested:
             raise StopTraining
-        if self.num_timesteps - self.tried_at >= self.config.checkpoint_interval:
+        if self.then or self.num_timesteps - self.tried_at >= self.config.checkpoint_interval:
             try:
                 self.save()
             except OSError as error:
                 warnings.warn(
                     f"{self._not_written(error)}; the training goes on, {self._what_is_there()}.", stacklevel=2
                 )
+            self.hand_on()
 
     def _on_step(self) -> bool:
         return True

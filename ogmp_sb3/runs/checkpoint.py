@@ -113,7 +113,7 @@ def copy_policy(checkpoint: Path, folder: Path) -> None:
     """
     temporary = fresh(folder)
     for name in (WEIGHTS, INFO):
-        shutil.copy(checkpoint / name, temporary / name)
+        shutil.copyfile(checkpoint / name, temporary / name)
     if (checkpoint / ENCODER).is_dir():
         copy_encoder(str(checkpoint / ENCODER), temporary / ENCODER)
     if (checkpoint / ROBOT).is_dir():

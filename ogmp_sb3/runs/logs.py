@@ -1,16 +1,19 @@
-"""What a training writes as it goes: ``progress.csv`` and the events of TensorBoard."""
+"""What a training writes as it goes: ``progress.csv``, the events of TensorBoard, and what it said, ``train.log``."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
+import logging
 import os
 import socket
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from stable_baselines3.common.logger import KVWriter, Logger
@@ -18,9 +21,61 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-from ogmp_sb3.runs.atomic import reason, replacing
+from ogmp_sb3.runs.atomic import naming, reason, replacing
 
 STEP_COLUMN = "time/total_timesteps"
+TRANSCRIPT = "train.log"  # in a run directory: what was said
+LOG = logging.getLogger("ogmp_sb3")
+
+
+def say(text: str, stream: TextIO | None = None) -> None:
+    """Print a sentence, and put it into the transcript if there is one.
+
+    :param stream: where to print; None: the standard output
+    """
+    print(text, file=stream)
+    LOG.info(text.strip())
+
+
+@contextmanager
+def transcript(folder: Path) -> Iterator[None]:
+    """Write what is said in the body, its warnings and the error that ends it to ``train.log``.
+
+    :param folder: the run directory
+    """
+    handler = _Transcript(folder / TRANSCRIPT, encoding="utf-8", delay=True)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    show, level, propagate = warnings.showwarning, LOG.level, LOG.propagate
+
+    def showwarning(message: Warning | str, *args: Any, **kwargs: Any) -> None:
+        show(message, *args, **kwargs)
+        LOG.warning(str(message))
+
+    LOG.addHandler(handler)
+    LOG.setLevel(logging.INFO)
+    LOG.propagate, warnings.showwarning = False, showwarning  # printed already
+    try:
+        yield
+    except Exception:
+        LOG.exception("")
+        raise
+    finally:
+        LOG.propagate, warnings.showwarning = propagate, show
+        LOG.setLevel(level)
+        LOG.removeHandler(handler)
+        handler.close()
+
+
+class _Transcript(logging.FileHandler):
+    """A file that a training can do without."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line."""
+        with contextlib.suppress(OSError):  # of a file that cannot be opened
+            super().emit(record)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say nothing of a line that finds no room, where Python would show a traceback."""
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
@@ -79,7 +134,7 @@ class CsvWriter(KVWriter):
                 self._rewrite()
 
     def _append(self, row: dict[str, Any]) -> None:
-        with self.path.open("a", newline="", encoding="utf-8") as file:
+        with naming(self.path), self.path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, self.columns).writerow(row)
 
     def _rewrite(self) -> None:

@@ -68,7 +68,7 @@ def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
 def setting(job: Run, key: str) -> Any:
     """The value of a key of a job's command line; one that is not there is looked up in its ``config.yaml``."""
     typed = [override for override in job.overrides if plain_key(override.partition("=")[0]) == key]
-    if typed:
+    if typed and "${" not in typed[-1]:  # its value is in config.yaml
         short = [override for override in typed if "task." not in override.partition("=")[0]]  # it is the one used
         return OverridesParser.create().parse_override((short or typed)[-1]).value()
     for part in ("task", "train"):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -13,12 +11,11 @@ from typing import Any
 import torch as th
 from omegaconf import OmegaConf
 from safetensors import SafetensorError
-from safetensors.torch import load, save_file
+from safetensors.torch import load, save
 
-from ogmp_sb3.runs.atomic import replacing
+from ogmp_sb3.runs.atomic import naming, replacing
 
 MANIFEST = "manifest.json"
-_ERROR_CODE = re.compile(r"(?:os error|code:) (\d+)")  # how Rust writes the number of a system error
 
 
 def write_manifest(folder: Path) -> None:
@@ -53,12 +50,8 @@ def save_tensors(path: Path, tensors: dict[str, th.Tensor]) -> None:
     """
     # Parts that are shared (the features extractor stands in the policy under several names) are written out.
     whole = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
-    try:
-        save_file(whole, path)
-    except SafetensorError as error:
-        code = _ERROR_CODE.search(str(error))
-        number = int(code.group(1)) if code else 0
-        raise OSError(number, os.strerror(number) if number else str(error), str(path)) from None
+    with naming(path):
+        path.write_bytes(save(whole))  # save_file would let nobody else read it, whatever the umask says
 
 
 def load_tensors(path: Path) -> dict[str, th.Tensor]:

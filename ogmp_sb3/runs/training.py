@@ -5,9 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import shlex
-import signal
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,7 @@ from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mea
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
-from ogmp_sb3.runs.logs import make_logger
+from ogmp_sb3.runs.logs import make_logger, say
 from ogmp_sb3.runs.own_files import check_same_files, with_own_files
 from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
@@ -37,6 +35,7 @@ from ogmp_sb3.runs.run_directory import (
     tidy_run,
 )
 from ogmp_sb3.runs.settings import TrainConfig, thread_count, versions
+from ogmp_sb3.runs.signals import saved_first
 from ogmp_sb3.runs.storage import load_json, write_yaml
 from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy_average import PolicyAverage
@@ -88,7 +87,7 @@ def begin_or_go_on(job: Job) -> float:
     checkpoint = latest_checkpoint(run_dir) if begun else None
     if checkpoint is None or int(checkpoint.name) < job.config.total_timesteps:
         return train(job, resume=begun)
-    print(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
+    say(f"{run_dir} is trained to step {int(checkpoint.name)} already.")
     file = checkpoint / TRAINER[1]
     statistics = read(dict[str, Any], load_json(file).get("statistics"), Where(str(file), "statistics"))
     complete_best(run_dir, statistics.get("best_at", 0))
@@ -147,9 +146,9 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
     if checkpoint is not None:
-        print(f"resumed at step {model.num_timesteps}")
+        say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
-    with _stop_on_signals(checkpoints), closing(model.logger), closing(progress):
+    with saved_first(checkpoints), closing(model.logger), closing(progress):
         try:
             if remaining > 0:
                 model.learn(
@@ -159,11 +158,12 @@ def _train(job: Job, checkpoint: Path | None) -> float:
                     reset_num_timesteps=False,
                 )
                 checkpoints.save_last()
+            checkpoints.hand_on()
         except StopTraining:
             checkpoints.save_last()
-            print(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")
+            say(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")
             raise SystemExit(130) from None
-    print(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
+    say(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
     return mean_return(model)
 
 
@@ -182,14 +182,3 @@ def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Ch
     if average is not None:
         callbacks.insert(0, average)  # a checkpoint has the average with the last update
     return callbacks, checkpoints
-
-
-@contextmanager
-def _stop_on_signals(checkpoints: Checkpoints) -> Iterator[None]:
-    """Have Ctrl-C and SIGTERM end the training after its present update."""
-    handlers = {number: signal.signal(number, checkpoints.request_stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)

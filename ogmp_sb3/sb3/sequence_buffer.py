@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.buffers import RolloutBuffer
+
+from ogmp_sb3.machine import compiled
 
 STEP_COST = 9.0  # what one more step of the LSTM costs, in samples (measured: LSTM 128, 1 thread)
 
@@ -150,7 +151,7 @@ def padded_lengths(length: np.ndarray) -> np.ndarray:
     return ends[np.searchsorted(values, length)]
 
 
-@numba.njit(cache=True)
+@compiled
 def _group_ends(values, counts, step_cost):  # type: ignore[no-untyped-def]
     """For each distinct length, the place of the longest of its group (dynamic programming over the last group)."""
     n = len(values)

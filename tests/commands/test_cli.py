@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import signal
 import sys
+import time
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.machine import mount_point
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,3 +134,51 @@ def test_our_own_warnings_are_sentences_and_those_of_others_say_where_they_are_f
     first, second, *_ = capsys.readouterr().err.splitlines()
     assert first == "prog: it has changed"
     assert second == f"{__file__}:7: UserWarning: it has changed"
+
+
+# ---- signals and places ----
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2])
+def test_what_would_end_a_program_does_so_as_ctrl_c_does(number: signal.Signals, monkeypatch) -> None:
+    undone = []
+
+    def body(arguments: list[str]) -> None:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(10)
+        finally:
+            undone.append(arguments)  # such as a file that is half written
+
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        monkeypatch.setattr("sys.argv", ["prog", "a=1"])
+        with pytest.raises(SystemExit) as stop:
+            cli.run("prog", "help", body)
+        assert stop.value.code == 130 and undone == [["a=1"]]
+        assert signal.getsignal(number) is signal.SIG_DFL
+
+        signal.signal(number, signal.SIG_IGN)  # by nohup, for one
+        cli.run("prog", "help", lambda arguments: os.kill(os.getpid(), number))
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
+def test_a_place_where_nothing_can_be_saved_is_said_with_the_reason(tmp_path: Path) -> None:
+    cli.check_out(tmp_path / "new" / "place")
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError) as error:
+        cli.check_out(tmp_path / "file" / "new")
+    why = f"({tmp_path / 'file'}: Not a directory)"
+    text = f"'{tmp_path / 'file' / 'new'}': nothing can be saved there {why}. Give another directory: out=<directory>."
+    assert str(error.value) == text
+
+
+def test_a_full_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "a" / "b"))
+    ending = f"b: No space left on device: the disk mounted at {mount_point(tmp_path)} is full."
+    assert cli.one_line("prog", full).endswith(ending)
+    monkeypatch.setattr("ogmp_sb3.runs.atomic.full_disks", lambda: [Path("/home"), Path("/tmp")])
+    text = cli.one_line("prog", OSError(errno.EDQUOT, "Disk quota exceeded"))  # of which the system does not say where
+    assert text == "Disk quota exceeded: the disk mounted at /home and the disk mounted at /tmp are full."

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers.faults import read_only
 from helpers.programs import program
+from ogmp_sb3.commands import evaluate
 from ogmp_sb3.commands.evaluate import ANALYSES, METRICS, EvalConfig, protocol_task, training_task
 from ogmp_sb3.runs.policies import load_policy
 
@@ -78,3 +80,20 @@ def test_a_grid_over_an_unknown_mode_is_one_sentence_and_writes_nothing(tmp_path
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "unknown mode 'jmp'" in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_where_nothing_can_be_saved_is_known_before_the_first_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def play(*_: object) -> None:
+        raise AssertionError("plays")
+
+    monkeypatch.setattr(evaluate, "METRICS", replace(METRICS, measure=play))
+    (tmp_path / "file").touch()
+    (tmp_path / "shared").mkdir()
+    with read_only(tmp_path / "shared"):
+        for out, reason in (("shared/new", "Permission denied"), ("file/new", "Not a directory")):
+            done = program("eval", "run=parkour", f"out={tmp_path / out}", cwd=tmp_path)
+            assert done.returncode == 2
+            assert f"'{tmp_path / out}': nothing can be saved there (" in done.stderr
+            assert f"{reason}). Give another directory: out=<directory>." in done.stderr

@@ -15,6 +15,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from helpers.faults import read_only
 from helpers.programs import SMALL, program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
@@ -124,6 +125,23 @@ def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Pat
         assert max(np.bincount(numbers)) <= horizon
     bound = [row for row in rows(run_page / "traces_rho.csv") if row["trace"].startswith("rho = 0.1")]
     assert all(float(row["deviation"]) <= 0.1 for row in bound[:-1])
+
+
+def test_a_run_that_can_only_be_read_has_its_report_elsewhere(sweep: Path, tmp_path: Path) -> None:
+    arguments = [f"run={sweep / '1'}", "episodes=1", "evaluation.episode_steps=5", "grids=false", "variants=null"]
+    with read_only(sweep):
+        done = program("report", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert f"'{sweep / '1' / 'report'}': nothing can be saved there (" in done.stderr
+        assert "Permission denied). Give another directory: out=<directory>." in done.stderr
+        for target in (f"run={sweep / '1'}", f"sweep={sweep}"):
+            of_one = arguments[3:4] if target.startswith("run") else []
+            out = target.partition("=")[0]
+            done = program("report", target, *arguments[1:3], *of_one, arguments[4], f"out={out}", cwd=tmp_path)
+            assert done.returncode == 0, done.stderr
+            assert (tmp_path / out / "report.html").is_file()
+            assert (tmp_path / out / "evaluation" / "results.jsonl").read_text().count('"settings"') == {
+                "run": 1, "sweep": 2}[out]  # fmt: skip
 
 
 def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> None:

@@ -13,8 +13,9 @@ import yaml
 from helpers.mistakes import MISSING, MISTAKES, SHIPPED, put, sentence, write
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import task_from_data
+from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.ranges import Range
-from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml
+from ogmp_sb3.config.yaml_files import apply_overrides, read_value, read_yaml, resolved
 
 # ---- read_yaml ----
 
@@ -280,3 +281,56 @@ def test_reading_a_task_leaves_its_data_alone() -> None:
     data["rewards"]["body_contact"]["weight"] = 0.0
     assert task.oracle_params["preview"]["Q"]["z"] == 11000.0
     assert task.rewards["body_contact"] == {"weight": -0.3}
+
+
+# ---- resolved ----
+
+
+def test_what_refers_to_something_else_has_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TASK_ID", "7")
+    monkeypatch.setenv("RANGE", "[0.1, 0.2]")
+    data = {
+        "a": "${oc.env:TASK_ID}",
+        "b": {"c": "${a}", "d": ["${b.c}", 1.5, "x"], "e": "${.c}"},
+        "f": "${oc.env:RANGE}",
+        "g": "${b}",
+        "h": "run_${a}",
+        "i": "${seed}",
+        "j": None,
+    }
+    before = copy.deepcopy(data)
+    inner = {"c": 7, "d": [7, 1.5, "x"], "e": 7}
+    expected = {"a": 7, "b": inner, "f": [0.1, 0.2], "g": inner, "h": "run_7", "i": 3, "j": None}
+    assert resolved(data, Where("t.yaml"), {"seed": 3}) == expected
+    assert data == before
+
+
+def test_data_that_refers_to_nothing_is_left_as_it_is() -> None:
+    data = {"a": "$x", "b": [1, {"c": "{}"}]}
+    assert resolved(data, Where("t.yaml")) is data
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("${nothing}", "Interpolation key 'nothing' not found"),
+        ("${oc.env:NOT_SET_ANYWHERE}", "Environment variable 'NOT_SET_ANYWHERE' not found"),
+        ("${no_such:1}", "Unsupported interpolation type no_such"),
+    ],
+)
+def test_what_has_no_value_is_named_in_one_sentence(text: str, reason: str) -> None:
+    with pytest.raises(ValueError) as error:
+        resolved({"a": {"b": [1, text]}}, Where("t.yaml"))
+    assert str(error.value) == f"t.yaml: 'a.b.1': {text!r} has no value ({reason})."
+    with pytest.raises(ValueError, match=r"^t.yaml: .* cannot be read|'a'"):
+        resolved({"a": "${"}, Where("t.yaml"))
+
+
+def test_a_task_and_its_overrides_may_refer_to_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BOUND", "0.7")
+    path = tmp_path / "t.yaml"
+    path.write_text(yaml.safe_dump(SHIPPED["parkour"] | {"rho": "${oc.env:BOUND}", "robot": "hector"}))
+    assert load_task(path).rho == 0.7
+    assert load_task(path, {"horizon": "${oc.env:STEPS,15}"}).horizon == 15
+    with pytest.raises(ValueError, match=r"t.yaml: 'rho': '\$\{x\}' has no value"):
+        load_task(path, ["rho=${x}"])

@@ -26,6 +26,17 @@ def test_a_result_is_computed_once_and_found_again_by_its_settings(tmp_path: Pat
     assert len(calls) == 2
 
 
+def test_results_of_other_files_are_known_and_left_where_they_are(tmp_path: Path) -> None:
+    calls, compute = count_calls(1.0)
+    ResultCache(tmp_path / "shared.jsonl").remember({"seed": 0}, compute)
+    before = (tmp_path / "shared.jsonl").read_bytes()
+    own = ResultCache(tmp_path / "own.jsonl", tmp_path / "shared.jsonl", tmp_path / "nowhere.jsonl")
+    assert [own.remember({"seed": seed}, compute) for seed in (0, 1)] == [1.0, 1.0]
+    assert len(calls) == 2
+    assert (tmp_path / "shared.jsonl").read_bytes() == before
+    assert {"seed": 0} not in ResultCache(tmp_path / "own.jsonl")
+
+
 def test_results_before_an_interruption_are_kept(tmp_path: Path) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt

@@ -41,6 +41,35 @@ _killer = _Killer()
 sys.addaudithook(_killer)
 
 
+class _Guard:
+    """Refuses what would change anything below a directory, as if it were another user's; root may do everything."""
+
+    folder: str | None = None
+
+    def __call__(self, event: str, arguments: tuple[object, ...]) -> None:
+        if self.folder is None or event not in WATCHED:
+            return
+        if event == "open" and not int(str(arguments[2])) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            return
+        for path in (str(argument) for argument in arguments if isinstance(argument, str | Path)):
+            if path.startswith(self.folder):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+
+
+_guard = _Guard()
+sys.addaudithook(_guard)
+
+
+@contextmanager
+def read_only(folder: Path) -> Iterator[None]:
+    """In the body nothing below a directory can be written."""
+    _guard.folder = str(folder)
+    try:
+        yield
+    finally:
+        _guard.folder = None
+
+
 @contextmanager
 def killed_at(access: int, folder: Path) -> Iterator[list[bool]]:
     """Run the body until its ``access``-th access to a file below ``folder``; the list tells whether it came so far."""

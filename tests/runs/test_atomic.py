@@ -133,8 +133,9 @@ def test_a_file_killed_at_any_access_is_the_old_one_or_the_new_one(tmp_path: Pat
 
 def test_a_file_that_cannot_be_written_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("old")
-    with pytest.raises(OSError), replacing(tmp_path / "a.json") as temporary:
+    with pytest.raises(OSError) as caught, replacing(tmp_path / "a.json") as temporary:
         temporary.write_text("half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert caught.value.filename == str(tmp_path / "a.json")  # the operating system names none
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
     assert (tmp_path / "a.json").read_text() == "old"

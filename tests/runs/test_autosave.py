@@ -252,11 +252,12 @@ def test_a_full_disk_is_said_at_the_start_and_one_that_fills_up_costs_nothing_th
     arguments = [*TINY, "keep_checkpoints=100", f"hydra.run.dir={run_dir}"]
     done = program("train", *arguments, cwd=disk)
     assert done.returncode == 2
-    assert f"{run_dir}: no checkpoint can be written there (No space left on device)." in done.stderr
+    whole = f"the disk mounted at {disk} is full"
+    assert f"{run_dir}: no checkpoint can be written there (No space left on device: {whole})." in done.stderr
     assert checkpoint_dirs(run_dir) == []
 
     subprocess.run(mounted(disk, 900, "remount"), check=True)  # enough for some of the checkpoints
-    with pytest.warns(UserWarning, match=r"not written \(No space left on device\); the training goes on"):
+    with pytest.warns(UserWarning, match=rf"not written \(No space left on device: {whole}\); the"):
         done = program("train", *arguments, cwd=disk)
     assert done.returncode == 2
     assert "Make room, then go on with: ogmp-train resume=" in done.stderr

@@ -9,7 +9,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from helpers.faults import NO_SPACE
-from ogmp_sb3.runs.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows
+from ogmp_sb3.runs.logs import LOG, STEP_COLUMN, CsvWriter, TensorBoardWriter, read_rows, say, transcript
 
 
 def row(step: int, **more: float) -> dict[str, float]:
@@ -111,3 +111,39 @@ def test_tensorboard_has_every_number_but_what_found_no_room(tmp_path: Path, mon
     events.Reload()
     assert events.Tags()["scalars"] == ["a"]
     assert [(event.step, event.value) for event in events.Scalars("a")] == [(16, 16), (48, 48), (64, 64), (80, 640)]
+
+
+# ---- say, transcript ----
+
+
+def test_what_is_said_is_printed_and_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    say("before")
+    with warnings.catch_warnings(record=True) as shown, transcript(tmp_path):
+        warnings.simplefilter("always")
+        say("\nresumed at step 640")
+        warnings.warn("no room for a row", stacklevel=1)
+        LOG.error("cannot be trained")
+    say("afterwards")
+    lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
+    assert [line.split(" ", 2)[2] for line in lines] == [
+        "INFO resumed at step 640", "WARNING no room for a row", "ERROR cannot be trained",
+    ]  # fmt: skip
+    assert [str(warning.message) for warning in shown] == ["no room for a row"]
+    assert capsys.readouterr().out == "before\n\nresumed at step 640\nafterwards\n"
+
+
+def test_an_error_that_nobody_expected_is_kept_with_its_traceback_and_runs_on(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), transcript(tmp_path):
+        1 / 0  # noqa: B018
+    with transcript(tmp_path):
+        say("again")
+    text = (tmp_path / "train.log").read_text()
+    assert "ZeroDivisionError: division by zero" in text and text.endswith("INFO again\n")
+
+
+def test_a_training_goes_on_where_its_transcript_cannot_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with transcript(tmp_path / "nowhere"):
+        say("on and on")
+    assert capsys.readouterr() == ("on and on\n", "")

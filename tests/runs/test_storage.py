@@ -13,6 +13,7 @@ import pytest
 import torch as th
 
 from helpers.faults import write_version
+from ogmp_sb3.runs.atomic import reason
 from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, load_tensors, save_tensors, verify
 
 
@@ -89,7 +90,8 @@ def small_disk(tmp_path: Path) -> Path:
 def test_tensors_on_a_full_disk_are_an_error_of_the_operating_system(small_disk: Path) -> None:
     with pytest.raises(OSError) as caught:
         save_tensors(small_disk / "a.safetensors", {"a": th.zeros(100_000)})
-    assert caught.value.errno == errno.ENOSPC
+    assert caught.value.errno == errno.ENOSPC and caught.value.filename == str(small_disk / "a.safetensors")
+    assert reason(caught.value) == f"No space left on device: the disk mounted at {small_disk} is full"
     with pytest.raises(OSError) as caught:
         save_tensors(small_disk / "nowhere" / "a.safetensors", {"a": th.zeros(1)})
     assert caught.value.errno == errno.ENOENT

@@ -28,7 +28,8 @@ UNDOCUMENTED = {"policy"}  # an alias
 
 SOLE_IMPORTERS = {
     "control": {"guidance.riccati"},
-    "matplotlib": {"report.plots"},
+    "matplotlib": {"report.plots", "machine"},
+    "numba": {"machine"},
     "mujoco.batch": {"env.simulation"},
     "hydra": {"commands.train", "runs.multirun"},
     "onnx": {"commands.export.onnx_graphs"},

@@ -122,7 +122,7 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
     for name, model in models.items():
         (out / name).write_bytes(model.SerializeToString())
     save_json(out / INFO, {**description(loaded, env), "sha256": {name: checksum(out / name) for name in models}})
-    shutil.copy(Path(__file__).with_name("controller.py"), out / "controller.py")
+    shutil.copyfile(Path(__file__).with_name("controller.py"), out / "controller.py")
 
 
 def parity(loaded: LoadedPolicy, env: BatchEnv, controller: Controller) -> tuple[float, np.ndarray]:

@@ -54,6 +54,7 @@ def _run(arguments: list[str]) -> None:
     from ogmp_sb3.commands.export.controller import Controller
 
     loaded, out = load_policy(config.run, config.trust, config.task, config.robot), Path(config.out)
+    cli.check_out(out)
     if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
         raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")
     env = BatchEnv(loaded.task.for_evaluation(), num_envs=1, threads=1)

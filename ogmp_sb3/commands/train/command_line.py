@@ -30,6 +30,7 @@ from ogmp_sb3.runs.multirun import plain_key
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
 
+PROGRAM = "ogmp-train"
 TASK_KEYS = task_keys(TaskConfig)
 ADDED = ("experiment", "search")  # groups that are given as +experiment=...
 DIRECTORIES = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")  # keys with one value, commas and all

@@ -8,9 +8,7 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
-from omegaconf.errors import InterpolationToMissingValueError
 
-from ogmp_sb3.commands import cli
 from ogmp_sb3.runs.run_directory import FAILURE
 
 
@@ -22,18 +20,27 @@ class Failures(Callback):
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Forget what failed before."""
-        try:
-            folder = Path(config.hydra.sweep.dir)
-        except InterpolationToMissingValueError:  # the directory of a ready sweep is named after its task
-            cli.fail("ogmp-train", ValueError("for several tasks give a directory too: hydra.sweep.dir=<directory>."))
+        folder = Path(config.hydra.sweep.dir)
         for file in folder.rglob(FAILURE):
             file.unlink()
+        _running[:] = [folder]
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """:raises SystemExit: with exit code 2, if a job failed"""
-        folder = Path(config.hydra.sweep.dir)
-        files = sorted(folder.rglob(FAILURE))
-        for file in files:
-            print(f"ogmp-train: {file.parent.relative_to(folder)}: {file.read_text(encoding='utf-8')}", file=sys.stderr)
-        if files:
+        if tell_failures():
             raise SystemExit(2)
+
+
+_running: list[Path] = []  # the directory of the multirun that has not ended
+
+
+def tell_failures() -> int:
+    """Print a line for each job of the multirun that failed, once.
+
+    :return: how many
+    """
+    files = [(folder, file) for folder in _running for file in sorted(folder.rglob(FAILURE))]
+    _running.clear()
+    for folder, file in files:
+        print(f"ogmp-train: {file.parent.relative_to(folder)}: {file.read_text(encoding='utf-8')}", file=sys.stderr)
+    return len(files)

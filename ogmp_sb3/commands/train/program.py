@@ -5,75 +5,55 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, joined, run_hydra, sentence
-from ogmp_sb3.commands.train.composition import given_bare
+from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
+from ogmp_sb3.commands.train.failures import tell_failures
+from ogmp_sb3.commands.train.jobs import read_job
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
-from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
+from ogmp_sb3.commands.train.start import remove_unused
+from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
 from ogmp_sb3.commands.train.usage import usage
-from ogmp_sb3.config.catalogue import find, shown_path
+from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import apply_overrides, read_value
+from ogmp_sb3.config.yaml_files import read_value, resolved
+from ogmp_sb3.runs.logs import LOG, say, transcript
 from ogmp_sb3.runs.own_files import run_robot
 from ogmp_sb3.runs.robot_copy import ROBOT
 from ogmp_sb3.runs.run_directory import CONFIG, FAILURE, RESUMABLE, checkpoint_dirs, run_config
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.runs.training import Job, begin_or_go_on, train
 
-PROGRAM = "ogmp-train"
-
-
-def _plain(config: Any) -> Any:
-    """Plain data, in which ``${...}`` stays text, as in a task file."""
-    return OmegaConf.to_container(config)
-
-
-def _task_of(plain: dict[str, Any], overrides: list[str]) -> tuple[TaskConfig, dict[str, Any]]:
-    """The task of a composed configuration, with its keys that were given without ``task.`` put in."""
-    path = task_file(HydraConfig.get().runtime.choices["task"])
-    data = apply_overrides(plain["task"], given_bare(plain, overrides), shown_path(path))
-    robot = str(data.get("robot", ""))
-    if robot.endswith((".yaml", ".yml")):
-        data["robot"] = str((path.parent / robot).resolve())
-    return task_from_data(data, path), data
-
 
 @hydra.main(version_base="1.3", config_path="pkg://ogmp_sb3.conf", config_name="train")
-def _hydra_main(cfg: DictConfig) -> float:
+def _hydra_main(cfg: DictConfig) -> float | None:
     run_dir = Path(HydraConfig.get().runtime.output_dir)
-    try:
-        plain, overrides = _plain(cfg), _plain(HydraConfig.get().overrides.task)
-        task, task_data = _task_of(plain, overrides)
-        values = {k: v for k, v in plain.items() if k not in ("task", *TASK_KEYS)}
-        config = read(TrainConfig, values, Where(PROGRAM))
-        job = Job(task=task, task_data=task_data, config=config, run_dir=run_dir, overrides=tuple(overrides))
-        return begin_or_go_on(job)
-    except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
-        return _failed(run_dir, ValueError(sentence(error)))
-    except cli.MISTAKES as error:
-        return _failed(run_dir, error)
+    with transcript(run_dir):
+        try:
+            mean = begin_or_go_on(read_job(cfg, run_dir))
+            return mean if math.isfinite(mean) else None
+        except OmegaConfBaseException as error:  # of Hydra's own part
+            _fail(run_dir, ValueError(sentence(error)))
+        except cli.MISTAKES as error:
+            _fail(run_dir, error)
+    return None  # no value: to sweepers that search, the job failed, while nan would end their search
 
 
-def _failed(run_dir: Path, error: Exception) -> float:
-    """End a run with a sentence; in a multirun leave it to the end, for the other jobs go on.
-
-    :return: no number
-    """
+def _fail(run_dir: Path, error: Exception) -> None:
+    """End a run with a sentence; in a multirun leave it to the end, for the other jobs go on."""
+    text = cli.one_line(PROGRAM, error)
+    LOG.error(text)
     if HydraConfig.get().mode != RunMode.MULTIRUN:
         cli.fail(PROGRAM, error)
-    (run_dir / FAILURE).write_text(cli.one_line(PROGRAM, error), encoding="utf-8")
-    return math.nan
+    (run_dir / FAILURE).write_text(text, encoding="utf-8")
 
 
 def _resume(arguments: list[str]) -> None:
@@ -89,12 +69,19 @@ def _resume(arguments: list[str]) -> None:
         if key not in RESUMABLE:
             raise KeyError(f"'{key}' cannot change when a run is resumed{did_you_mean(key, RESUMABLE)}")
         data["train"][key] = read_value(value)
+    where = Where(str(run_dir / CONFIG), "train")
+    data["train"] = resolved(data["train"], where)
     task = task_from_data({**data["task"], "robot": str(run_robot(run_dir, data))}, Path(data["task_file"]))
-    config = read(TrainConfig, data["train"], Where(str(run_dir / CONFIG), "train"))
+    config = read(TrainConfig, data["train"], where)
     resume = bool(checkpoint_dirs(run_dir))
-    if not resume:
-        print("there is no checkpoint yet: beginning anew")
-    train(Job(task=task, task_data=data["task"], config=config, run_dir=run_dir), resume)
+    with transcript(run_dir):
+        if not resume:
+            say("there is no checkpoint yet: beginning anew")
+        try:
+            train(Job(task=task, task_data=data["task"], config=config, run_dir=run_dir), resume)
+        except cli.MISTAKES as error:
+            LOG.error(cli.one_line(PROGRAM, error))
+            cli.fail(PROGRAM, error)
 
 
 def _train(arguments: list[str]) -> None:
@@ -103,7 +90,12 @@ def _train(arguments: list[str]) -> None:
     arguments, names = register_tasks(expanded(joined(arguments)))
     check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))
-    run_hydra(_hydra_main)
+    try:
+        run_hydra(_hydra_main)
+    except BaseException:
+        tell_failures()  # of a sweeper that gave up
+        remove_unused()
+        raise
 
 
 def _body(arguments: list[str]) -> None:

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Rectangle
 
 from ogmp_sb3.evaluation.speed import SpeedRow
-from ogmp_sb3.report.plots.style import CAUSE_COLOURS, COLOURS, MODE_COLOURS, colours_of, save
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, COLOURS, MODE_COLOURS, colours_of, in_style, save, subplots
 
 
+@in_style
 def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
     """Heat maps of a metric over two mode parameters, the training range outlined (paper, fig:mpt).
 
@@ -22,10 +22,8 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
     :param metric: name of the metric
     :param path: picture to write
     """
-    figure, panels = plt.subplots(
-        1, len(grids), figsize=(max(3.4 * len(grids), 5.0), 3.0 if len(grids) > 1 else 4.0), squeeze=False,
-        layout="constrained",
-    )  # fmt: skip
+    size = (max(3.4 * len(grids), 5.0), 3.0 if len(grids) > 1 else 4.0)
+    figure, panels = subplots(1, len(grids), size)
     for axes, grid in zip(panels[0], grids, strict=True):
         first, second = grid["axes"]
         a = np.unique([cell[first] for cell in grid["cells"]])
@@ -41,6 +39,7 @@ def plot_grids(grids: list[dict[str, Any]], metric: str, path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
     """Fraction of episodes without a fall over the size of each disturbance, with 95 % intervals.
 
@@ -49,9 +48,7 @@ def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
     """
     columns = min(len(results), 3)
     rows = -(-len(results) // columns)
-    figure, grid = plt.subplots(
-        rows, columns, figsize=(3.6 * columns, 2.8 * rows), sharey=True, squeeze=False, layout="constrained"
-    )
+    figure, grid = subplots(rows, columns, (3.6 * columns, 2.8 * rows), sharey=True)
     for axes in grid.flat[len(results) :]:
         axes.axis("off")
     for axes, result in zip(grid.flat, results, strict=False):
@@ -70,6 +67,7 @@ def plot_robustness(results: list[dict[str, Any]], path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_speeds(speeds: Sequence[SpeedRow], path: Path) -> None:
     """Measured against commanded speed of each mode, in bands of the command if there are, with 95 % intervals.
 
@@ -78,7 +76,7 @@ def plot_speeds(speeds: Sequence[SpeedRow], path: Path) -> None:
     """
     modes = dict.fromkeys(row.mode for row in speeds)
     colours = colours_of(modes, MODE_COLOURS)
-    figure, axes = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
+    figure, ((axes,),) = subplots(1, 1, (4.6, 4.2))
     for mode in modes:
         of_mode = [row for row in speeds if row.mode == mode]
         points = [row for row in of_mode if row.band is not None] or of_mode
@@ -94,6 +92,7 @@ def plot_speeds(speeds: Sequence[SpeedRow], path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_epsilon(epsilon: dict[str, Any], path: Path) -> None:
     """Share of whole episodes that stay within a bound over the bound, for each oracle, with 95 % intervals.
 
@@ -101,7 +100,7 @@ def plot_epsilon(epsilon: dict[str, Any], path: Path) -> None:
     :param path: picture to write
     """
     colours = colours_of(epsilon["maxima"], COLOURS)
-    figure, axes = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    figure, ((axes,),) = subplots(1, 1, (5.5, 3.6))
     for oracle, modes in epsilon["maxima"].items():
         shares = modes["all"]["within"]
         mean = np.array([share["mean"] for share in shares])
@@ -119,6 +118,7 @@ def plot_epsilon(epsilon: dict[str, Any], path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     """Bars of all rates (``..._per_second...``) of a benchmark, its ratios (``..._over_...``) in the title.
 
@@ -127,7 +127,7 @@ def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     """
     rates = {name: value for name, value in numbers.items() if "per_second" in name}
     ratios = [f"{name} {value:.2f}" for name, value in numbers.items() if "_over_" in name]
-    figure, axes = plt.subplots(figsize=(8, 0.6 + 0.35 * len(rates)), layout="constrained")
+    figure, ((axes,),) = subplots(1, 1, (8, 0.6 + 0.35 * len(rates)))
     bars = axes.barh(list(rates), list(rates.values()), color=COLOURS["lqr"])
     axes.bar_label(bars, fmt="{:,.0f}", padding=3)
     axes.invert_yaxis()
@@ -136,6 +136,7 @@ def plot_throughput(title: str, numbers: dict[str, float], path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_terminations(bars: list[tuple[str, dict[str, int]]], path: Path) -> None:
     """What ended the episodes of evaluations, a bar for each.
 
@@ -147,7 +148,7 @@ def plot_terminations(bars: list[tuple[str, dict[str, int]]], path: Path) -> Non
         totals.update(causes)
     colours = colours_of(totals, CAUSE_COLOURS)
     places, left = np.arange(len(bars))[::-1], np.zeros(len(bars))
-    figure, axes = plt.subplots(figsize=(10, 0.9 + 0.4 * len(bars)), layout="constrained")
+    figure, ((axes,),) = subplots(1, 1, (10, 0.9 + 0.4 * len(bars)))
     for cause, total in totals.most_common():
         shares = np.array([causes.get(cause, 0) / sum(causes.values()) for _, causes in bars])
         label = f"{cause} {total / totals.total():.0%} ({total})"

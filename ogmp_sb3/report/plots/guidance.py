@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.report.plots.style import COLOURS, panel_grid, save
+from ogmp_sb3.report.plots.style import COLOURS, in_style, panel_grid, save
 
 
+@in_style
 def plot_references(
     panels: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]], dt: float, path: Path
 ) -> None:
@@ -35,6 +36,7 @@ def plot_references(
     save(figure, path)
 
 
+@in_style
 def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None:
     """Scatter of the latent: all modes, and each mode coloured by its parameters (paper, fig:afo c).
 
@@ -56,20 +58,20 @@ def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None
     first.legend(fontsize="small")
     first.set(title="all modes", xlabel="z1", ylabel="z2")
     for axes, (name, parameter, values) in zip(others, coloured, strict=True):
-        _scatter_by_value(axes, latents[members[name]], values)
+        _scatter_by_value(figure, axes, latents[members[name]], values)
         words = _words(values)
         axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), xlabel="z1", ylabel="z2")
     save(figure, path, dpi=100)
 
 
-def _scatter_by_value(axes: Axes, points: np.ndarray, values: list[float | str]) -> None:
+def _scatter_by_value(figure: Figure, axes: Axes, points: np.ndarray, values: list[float | str]) -> None:
     """Points coloured by a number, with a bar of colours, or by a word."""
     words, (x, y) = _words(values), points.T
     if words:
         axes.scatter(x, y, s=6, c=[words.index(str(value)) for value in values], cmap="tab10", rasterized=True)
     else:
         marks = axes.scatter(x, y, s=6, c=np.array(values), cmap="viridis", rasterized=True)
-        plt.colorbar(marks, ax=axes)
+        figure.colorbar(marks, ax=axes)
 
 
 def _words(values: list[float | str]) -> list[str]:

@@ -1,4 +1,6 @@
-"""What all pictures share: colours, and how they are written. Everything here draws without a screen.
+"""What all pictures share: colours, and how they are written. No picture needs a screen, nor a backend of matplotlib.
+
+pyplot is not used, and the settings of matplotlib are as they were before when a picture is done: both are the user's.
 
 A path that ends in ``.png`` gets a picture of that kind; one without an ending gets a ``.png`` and a ``.svg``.
 """
@@ -11,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from ogmp_sb3.runs.atomic import replacing
 
 COLOURS = {"linear": "#e69f00", "lqr": "#0072b2", "preview": "#009e73"}
 MODE_COLOURS = {
@@ -29,21 +29,32 @@ CAUSE_COLOURS = {
 }  # fmt: skip
 MORE_COLOURS = ("#8c564b", "#6a3d9a", "#bcbd22", "#17becf", "#e377c2", "#393b79")  # of users' own names
 
-plt.rcParams.update({
+in_style = matplotlib.rc_context({
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": "medium", "font.size": 9,
     "legend.frameon": False, "svg.hashsalt": "ogmp_sb3",
 })  # fmt: skip
+"""Decorator of a function that draws: with our settings of matplotlib."""
+
+
+def subplots(rows: int, columns: int, size: tuple[float, float], **options: Any) -> tuple[Figure, Any]:
+    """A figure with a grid of panels.
+
+    :param size: of the figure, inches
+    :param options: of :meth:`matplotlib.figure.Figure.subplots`
+    :return: the figure, and its axes, shape (rows, columns)
+    """
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def save(figure: Figure, path: Path, dpi: int = 120) -> None:
-    """Write a figure and close it: one file if the path ends in ``.png``, else a ``.png`` and a ``.svg``."""
-    if path.suffix == ".png":
-        figure.savefig(path, dpi=dpi)
-    else:
-        figure.savefig(path.with_name(f"{path.name}.png"), dpi=dpi)
+    """Write a figure: one file if the path ends in ``.png``, else a ``.png`` and a ``.svg``; all or nothing."""
+    with replacing(path if path.suffix == ".png" else path.with_name(f"{path.name}.png")) as file:
+        figure.savefig(file, dpi=dpi, format="png")
+    if path.suffix != ".png":
         figure.set_layout_engine("none")  # laid out already
-        figure.savefig(path.with_name(f"{path.name}.svg"), dpi=dpi, metadata={"Date": None})
-    plt.close(figure)
+        with replacing(path.with_name(f"{path.name}.svg")) as file:
+            figure.savefig(file, dpi=dpi, format="svg", metadata={"Date": None})
 
 
 def colours_of(names: Iterable[str], known: dict[str, str]) -> dict[str, str]:
@@ -62,7 +73,7 @@ def panel_grid(count: int, columns: int, width: float, height: float) -> tuple[F
     columns = min(count, columns)
     rows = -(-count // columns)
     size = (width * columns, height * rows)
-    figure, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    figure, grid = subplots(rows, columns, size)
     for axes in grid.flat[count:]:
         axes.axis("off")
     return figure, list(grid.flat[:count])

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from ogmp_sb3.evaluation.traces import Trace
-from ogmp_sb3.report.plots.style import MODE_COLOURS, colours_of, legend_entries, save
+from ogmp_sb3.report.plots.style import MODE_COLOURS, colours_of, in_style, legend_entries, save, subplots
 
 TRACE_WIDTH, TRACE_HEIGHT = 9.2, 1.8  # inches: width of motion traces, and the height of one at most
 SHORT = 3.0  # m: shorter motions are drawn side by side
 UP_EVERY, UP_LENGTH = 4, 0.1  # control steps between strokes along the trunk, and their length in m
 
 
+@in_style
 def plot_traces(traces: list[Trace], path: Path) -> None:
     """Motion traces, each with its deviation from the reference below; short ones side by side (paper, fig:abl_trc).
 
@@ -28,10 +28,8 @@ def plot_traces(traces: list[Trace], path: Path) -> None:
     more = max(width / TRACE_HEIGHT * (ceiling - floor) - (end - start), 0.0)  # ground around a short motion
     start, end = start - 0.25 * more, end + 0.75 * more
     height = width * (ceiling - floor) / (end - start)  # inches, at the same scale as the width
-    figure, grid = plt.subplots(
-        2 * rows, columns, figsize=(TRACE_WIDTH + 0.8 * columns, rows * (height + 1.7)), squeeze=False,
-        height_ratios=[height, 0.6] * rows, layout="constrained",
-    )  # fmt: skip
+    size = (TRACE_WIDTH + 0.8 * columns, rows * (height + 1.7))
+    figure, grid = subplots(2 * rows, columns, size, height_ratios=[height, 0.6] * rows)
     for axes in [*grid[::2].flat[len(traces) :], *grid[1::2].flat[len(traces) :]]:
         axes.axis("off")
     largest = max([float(trace.deviation.max()) for trace in traces] + [trace.rho or 0.0 for trace in traces]) or 1.0

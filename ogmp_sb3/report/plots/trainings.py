@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 
-from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, legend_entries, panel_grid, save
+from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, in_style, legend_entries, panel_grid, save, subplots
 from ogmp_sb3.runs.logs import STEP_COLUMN
 
 SMOOTH = 5  # rows of progress.csv that a line is averaged over
@@ -31,6 +31,7 @@ def smoothed(values: np.ndarray, rows: int = SMOOTH) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
+@in_style
 def plot_training(
     log: dict[str, np.ndarray], columns: dict[str, str], causes: dict[str, str], rho: float | None, path: Path
 ) -> None:
@@ -45,7 +46,7 @@ def plot_training(
     samples = log[STEP_COLUMN] / 1e6
     count = len(columns) + 1
     rows = -(-count // 3)
-    figure, grid = plt.subplots(rows, 3, figsize=(10.5, 2.7 * rows), squeeze=False, layout="constrained")
+    figure, grid = subplots(rows, 3, (10.5, 2.7 * rows))
     for axes in grid.flat[count:]:
         axes.axis("off")
     for axes, (column, label) in zip(grid.flat, columns.items(), strict=False):
@@ -66,6 +67,7 @@ def plot_training(
     save(figure, path)
 
 
+@in_style
 def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
     """Training returns of a sweep: a panel for each combination of the other keys (paper, fig:rho_vary).
 
@@ -77,10 +79,7 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
     colours = line_colours([row["line"] for row in rows])
     columns = min(len(panels), 3)
     height = -(-len(panels) // columns)
-    figure, grid = plt.subplots(
-        height, columns, figsize=(10.0, 3.2 * height), squeeze=False, sharey=True,
-        layout="constrained",
-    )  # fmt: skip
+    figure, grid = subplots(height, columns, (10.0, 3.2 * height), sharey=True)
     for axes in grid.flat[len(panels) :]:
         axes.axis("off")
     for axes, panel in zip(grid.flat, panels, strict=False):
@@ -102,6 +101,7 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
     save(figure, path)
 
 
+@in_style
 def plot_objectives(
     rows: Rows, key: str, bounds: dict[str, float | None], standing: tuple[float, float] | None, path: Path
 ) -> None:
@@ -115,7 +115,7 @@ def plot_objectives(
     """
     places = _places(list(dict.fromkeys(row["value"] for row in rows)))
     lines = list(dict.fromkeys(row["line"] for row in rows))
-    colours = dict(zip(lines, plt.get_cmap("tab10").colors * (1 + len(lines) // 10), strict=False))  # type: ignore[attr-defined]
+    colours = dict(zip(lines, colormaps["tab10"].colors * (1 + len(lines) // 10), strict=False))  # type: ignore[attr-defined]
     figure, panels = panel_grid(len(bounds), len(bounds), 5.2, 3.8)
     for axes, (objective, bound) in zip(panels, bounds.items(), strict=True):
         for line in lines:
@@ -154,13 +154,14 @@ def _label_values(axes: Axes, places: dict[str, int]) -> None:
     """Write the values below the axis, aslant if they are long."""
     axes.set_xticks(list(places.values()), ["off" if value == NO_VALUE else value for value in places])
     if max(map(len, places)) >= 8:
-        plt.setp(axes.get_xticklabels(), rotation=30, ha="right", rotation_mode="anchor")
+        for label in axes.get_xticklabels():
+            label.set(rotation=30, ha="right", rotation_mode="anchor")
 
 
 def line_colours(lines: list[str]) -> dict[str, Any]:
     """A colour for each line by its place in the order, black for no value."""
     values = [line for line in dict.fromkeys(lines) if line != NO_VALUE]
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(values)))
+    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(values)))
     return {**dict(zip(values, colours, strict=True)), **({NO_VALUE: "black"} if NO_VALUE in lines else {})}
 
 

@@ -12,6 +12,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -29,14 +31,32 @@ from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import checkpoint_dirs
 
+UMASK = 0o026  # of the user whose files are looked at: another than usual
+
+
+@contextmanager
+def umask(mask: int) -> Iterator[None]:
+    before = os.umask(mask)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("train")
     arguments = ["task=parkour", "rho=0.4", "oracle=lqr", "total_timesteps=600", "checkpoint_interval=256", *SMALL]
-    done = program("train", *arguments, "hydra.run.dir=first", cwd=folder)
+    with umask(UMASK):
+        done = program("train", *arguments, "hydra.run.dir=first", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "first"
+
+
+def test_who_may_read_a_run_is_said_by_the_umask(run: Path) -> None:
+    modes = {path: path.stat().st_mode & 0o777 for path in [run, *run.rglob("*")]}
+    assert len(modes) > 20
+    assert {path: mode for path, mode in modes.items() if mode != (0o777 if path.is_dir() else 0o666) & ~UMASK} == {}
 
 
 def test_a_run_directory_holds_config_log_events_and_checkpoints(run: Path) -> None:
@@ -351,11 +371,13 @@ def test_observation_variants_of_the_paper_train_as_one_multirun(tmp_path: Path)
 
 
 def test_encode_writes_an_encoder_found_by_name(tmp_path: Path) -> None:
-    done = program("encode", "task=dive", "references=10", "updates=20", cwd=tmp_path)
+    with umask(UMASK):
+        done = program("encode", "task=dive", "references=10", "updates=20", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "of the variance is not explained" in done.stdout
     folder = tmp_path / "encoders" / "dive"
     assert {"encoder.json", "encoder.safetensors", "latents.png"} <= {p.name for p in folder.iterdir()}
+    assert {p.stat().st_mode & 0o777 for p in folder.iterdir()} == {0o666 & ~UMASK}
 
 
 def test_check_validates_lists_and_draws(tmp_path: Path) -> None:
