@@ -225,6 +225,7 @@ def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], task
         "overrides": overrides,
         "scene": config.scene,
         "seed": config.seed,
+        "stream": "test",
         "num_timesteps": loaded.info.get("num_timesteps"),
         "physics_dt": task.physics_dt,
         "versions": versions(),

@@ -15,6 +15,7 @@ from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
+from ogmp_sb3.env.streams import Stream, generator
 from ogmp_sb3.env.terms import bind
 from ogmp_sb3.env.view import EnvView, deviation, srb_state
 from ogmp_sb3.guidance.guide import Guide
@@ -49,19 +50,23 @@ class StepResult:
 class BatchEnv:
     """``num_envs`` environments of a task.
 
-    Row ``i`` draws all its randomness from ``seed + i``, so four rows equal four environments of one.
+    Row ``i`` draws all its randomness from ``seed + i``, so four rows equal four environments of one. The same seed
+    gives other tracks in another stream (:mod:`ogmp_sb3.env.streams`).
 
     :param task: the task
     :param num_envs: number of environments
     :param seed: seed of row 0
     :param threads: physics threads, 0 for one per CPU
+    :param stream: what the episodes are for: ``"training"``, ``"test"`` or ``"selection"``
     :raises ValueError: if the task cannot be built
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0) -> None:
+    def __init__(
+        self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0, stream: Stream = "training"
+    ) -> None:
         if not 1 <= num_envs <= MAX_ENVS:
             raise ValueError(f"'num_envs' must be at least 1 and at most {MAX_ENVS:,}, found {num_envs}.")
-        self.task, self.num_envs = task, num_envs
+        self.task, self.num_envs, self.stream = task, num_envs, stream
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.guide = Guide(task, num_envs)
         self._observations = bind(registry.observations, task.observations)
@@ -113,9 +118,7 @@ class BatchEnv:
 
     def seed_row(self, row: int, seed: int) -> None:
         """Give one row a generator of its own, and start its curriculum anew without commands."""
-        if seed < 0:
-            raise ValueError(f"'seed' must be at least 0, found {seed}.")
-        self._rng[row] = np.random.default_rng(seed)
+        self._rng[row] = generator(seed, self.stream)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
         self.guide.forget_commands(row)
@@ -252,11 +255,12 @@ class BatchEnv:
         self.sim.place(self._every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(self._every, self.terrain)
         snapshots.put_back(self._own_arrays(), arrays)
-        for generator, state in zip(self._rng, plain["generators"], strict=True):
-            generator.bit_generator.state = state
+        for rng, state in zip(self._rng, plain["generators"], strict=True):
+            rng.bit_generator.state = state
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return snapshots.restored, (type(self), (self.task, self.num_envs, 0, self.sim.threads), self.state())
+        arguments = self.task, self.num_envs, 0, self.sim.threads, self.stream
+        return snapshots.restored, (type(self), arguments, self.state())
 
     def _parts(self) -> dict[str, snapshots.Part]:
         """What has a state of its own, by the prefix of its arrays in a saved state."""

@@ -18,6 +18,7 @@ from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
@@ -91,6 +92,7 @@ def evaluate(
     episodes: int = 100,
     seed: int = 0,
     progress: Progress | None = None,
+    stream: Stream = "test",
 ) -> Evaluation:
     """Evaluate a policy by the test protocol of a task, as ``ogmp-eval`` does.
 
@@ -100,13 +102,14 @@ def evaluate(
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param progress: called with the number of episodes that have just ended
+    :param stream: ``"test"`` for numbers that are reported; ``"selection"`` to choose between policies or settings
     :raises KeyError: for an unknown task
     :raises ValueError: if the policy does not fit the task, or for less than one episode
     """
     if episodes < 1:
         raise ValueError(f"'episodes' must be at least 1, found {episodes}.")
     tested = (task if isinstance(task, TaskConfig) else load_task(task)).for_evaluation()
-    return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress))
+    return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress, stream=stream))
 
 
 def measure(task: TaskConfig, records: list[EpisodeRecord]) -> Evaluation:
