@@ -12,6 +12,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import snapshots
 from ogmp_sb3.env.disturbances import Disturbances
 from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
+from ogmp_sb3.env.initial import InitialStates
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
@@ -75,6 +76,7 @@ class BatchEnv:
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
         self.disturbances = Disturbances(task.randomisation, num_envs, self._nominal, task.control_dt)
+        self.initial = InitialStates(task.initial, task.robot_config, self.sim)
 
         self.step_count = np.zeros(num_envs, dtype=int)
         self._every = np.arange(num_envs)
@@ -121,6 +123,7 @@ class BatchEnv:
         self._rng[row] = generator(seed, self.stream)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
+        self.initial.seed_row(row, self._rng[row])
         self.guide.forget_commands(row)
         self._ended[row] = False
         self.level[row] = self._first_level
@@ -160,13 +163,13 @@ class BatchEnv:
         """Put robots down at the start of new variants of the task."""
         if not len(rows):
             return
-        base = np.zeros((len(rows), 3))
+        start = self.initial.draw(rows)
+        ground = np.zeros(len(rows))
         for i, row in enumerate(rows):
-            ground = self.guide.begin(row, self._rng[row], float(self.level[row]))
-            base[i, 2] = ground + self.task.robot_config.nominal_height
+            ground[i] = self.guide.begin(row, self._rng[row], float(self.level[row]), float(start.xy[i, 0]))
         self.sim.vary(rows, **self.disturbances.begin(rows))
         self.sim.set_terrain(rows, self.terrain[rows])
-        self.sim.place(rows, base, self._nominal)
+        self.initial.put_down(rows, start, ground, self.terrain[rows])
         self.guide.query(rows, self._states(rows))
 
     def _go_back(self, moments: dict[int, tuple[np.ndarray, PlainModes]]) -> None:
@@ -264,7 +267,8 @@ class BatchEnv:
 
     def _parts(self) -> dict[str, snapshots.Part]:
         """What has a state of its own, by the prefix of its arrays in a saved state."""
-        return {"": self.guide, "disturbances.": self.disturbances, "restarts.": self.restarts}
+        drawn: dict[str, snapshots.Part] = {"disturbances.": self.disturbances, "initial.": self.initial}
+        return {"": self.guide, **drawn, "restarts.": self.restarts}
 
     def _own_arrays(self) -> dict[str, np.ndarray]:
         return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.mj.state}
