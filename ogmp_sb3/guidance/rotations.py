@@ -82,8 +82,8 @@ def quat_to_rpy(q: Array) -> Array:
 def smallest_rpy(rpy: Array) -> Array:
     """The same orientations by the smaller of their two triples of angles, shape (..., 3), rad.
 
-    Roll, pitch and yaw in [-pi, pi) name an orientation twice, once with a pitch beyond a quarter turn: a body pitched by
-    100 degrees is also one pitched by 80 with half a turn of roll and of yaw.
+    Roll, pitch and yaw in [-pi, pi) name an orientation twice, once with a pitch beyond a quarter turn: a body pitched
+    by 100 degrees is also one pitched by 80 with half a turn of roll and of yaw.
     """
     other = wrap_angle(rpy * np.array([1.0, -1.0, 1.0]) + np.pi)
     smaller = np.linalg.norm(other, axis=-1, keepdims=True) < np.linalg.norm(rpy, axis=-1, keepdims=True)

@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, joined, run_hydra, sentence
-from ogmp_sb3.commands.train.composition import given_bare
+from ogmp_sb3.commands.train.composition import given_bare, register_composition
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data, task_file
 from ogmp_sb3.commands.train.usage import usage
@@ -94,6 +94,7 @@ def _resume(arguments: list[str]) -> None:
 def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
     register_sweeper()
+    register_composition()
     arguments, names = register_tasks(expanded(joined(arguments)))
     check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))
