@@ -36,6 +36,7 @@ DROP = 0.1  # m
 LONGEST = 10.0  # s, of a reference along the track that is drawn: at rest it has no end
 PLACE = ("num_timesteps", "environment", "seed", "control_step")  # of a step in which a simulation failed
 DECIDING = ("ogmp_sb3", "mujoco")  # versions that a simulation depends on
+INITIAL_UNITS = {"x": "m", "y": "m", "yaw": "rad", "joint_pos": "rad", "velocity": "m/s"}
 SAME = 0.01  # relative difference up to which a robot's file and model agree
 DEEPEST, HIGHEST = -0.02, 0.3  # m above the ground, of the lowest foot at the nominal height
 FALLEN = np.radians(60.0)  # tilt from which a robot does not stand
@@ -108,6 +109,11 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     table.add_row("observation", f"{env.observation_size} numbers: {_names(task.observations)}")
     table.add_row("reward", _names(task.rewards))
     table.add_row("action", f"{env.action_size} joint targets, nominal +- {task.action.scale:g} rad")
+    for title, initial in (("initial state", task.initial), ("initial state, test", task.evaluation.initial)):
+        if initial is not None:
+            drawn = ((name, getattr(initial, name)) for name in INITIAL_UNITS)
+            texts = (f"{name} {_range_text(r)} {INITIAL_UNITS[name]}" for name, r in drawn if r is not None)
+            table.add_row(title, ", ".join(texts))
     if task.randomisation is not None:
         disturbances = vars(task.randomisation).items()
         table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))

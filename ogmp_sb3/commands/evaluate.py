@@ -224,6 +224,7 @@ def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], requ
         "scene": config.scene,
         "seed": config.seed,
         "episodes": request.episodes,
+        "stream": "test",
         "num_timesteps": loaded.info.get("num_timesteps"),
         "physics_dt": request.task.physics_dt,
         "versions": versions(),

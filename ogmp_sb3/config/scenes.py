@@ -23,6 +23,7 @@ TRAINING_ONLY = {
     "episode_steps": "evaluation.episode_steps",
     "track.length": "evaluation.track_length",
     "terminations": "evaluation.terminations",
+    "initial": "evaluation.initial",
     "randomisation": "evaluation.randomisation",
 }
 """Keys of a task file that a test does not use, and what it has instead."""

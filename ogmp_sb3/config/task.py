@@ -10,7 +10,7 @@ from ogmp_sb3.config.messages import Where, describe
 from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 from ogmp_sb3.config.strict import all_different, not_negative, positive, read
-from ogmp_sb3.config.variation import CurriculumConfig, RandomisationConfig, RestartConfig
+from ogmp_sb3.config.variation import CurriculumConfig, InitialConfig, RandomisationConfig, RestartConfig
 
 MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen, as are more of the next two
 MAX_HORIZON = 10_000  # control steps between queries
@@ -122,6 +122,8 @@ class EvaluationConfig:
     """what ends an episode before the time limit"""
     metrics: tuple[str, ...] = ()
     """names of metrics to report"""
+    initial: InitialConfig | None = None
+    """how robots begin in the test; null: all alike, whatever the policy was trained with"""
     randomisation: RandomisationConfig | None = None
     """disturbances in the test; null: none, whatever the policy was trained with"""
 
@@ -172,11 +174,14 @@ class TaskConfig:
     rho: float | None
     """permissible-state bound; null: off (unguided PPO)"""
     bound: dict[str, float]
-    """diagonal of W by state name; states not named have weight 0"""
+    """diagonal of W by state name; states not named have weight 0; roll, pitch and yaw are the error's rotation vector
+    about the axes of the reference's body; in an override, a mapping replaces the whole"""
     min_step_reward: float | None = None
     """an episode also ends when a step's reward falls below this; null: off"""
     action: ActionConfig = ActionConfig()
     """what the policy commands"""
+    initial: InitialConfig | None = None
+    """how robots begin a training episode; null: all alike"""
     randomisation: RandomisationConfig | None = None
     """disturbances in training; null: none"""
     observations: Terms
@@ -211,6 +216,13 @@ class TaskConfig:
             raise ValueError(f"'horizon' must be at most {MAX_HORIZON} control steps, found {self.horizon}.")
         if self.rho is not None and self.rho <= 0:
             raise ValueError(f"'rho' must be above 0, or null for no bound, found {self.rho:g}.")
+        for name, initial in (("initial", self.initial), ("evaluation.initial", self.evaluation.initial)):
+            beside = initial.y if initial is not None else None
+            if beside is not None and 2.0 * max(-beside.low, beside.high) >= self.track.width:
+                raise ValueError(
+                    f"'{name}.y' must lie on the track, which is {self.track.width:g} m wide, found "
+                    f"{beside.low:g} to {beside.high:g}."
+                )
         noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
         if noise and self.observations.get("proprioception") is None:
             raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
@@ -246,13 +258,17 @@ class TaskConfig:
         return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
 
     def for_evaluation(self) -> TaskConfig:
-        """This task under its test protocol: no bound, reward floor, curriculum or restarts, its own randomisation."""
+        """This task under its test protocol.
+
+        No bound, reward floor, curriculum or restarts; initial states and randomisation of its own.
+        """
         return replace(
             self,
             rho=None,
             min_step_reward=None,
             curriculum=None,
             restarts=None,
+            initial=self.evaluation.initial,
             randomisation=self.evaluation.randomisation,
             terminations=self.evaluation.terminations,
             episode_steps=self.evaluation.episode_steps,

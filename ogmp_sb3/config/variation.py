@@ -1,4 +1,4 @@
-"""What varies over a training: the curriculum, disturbances that are drawn anew, and restarts before earlier falls."""
+"""What varies over episodes: the curriculum, how robots begin, disturbances, and restarts before earlier falls."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ogmp_sb3.config.strict import not_negative, positive
 MAX_LATENCY = 0.5  # s; more is a slip of the pen, or a number of control steps
 REMEMBER_EVERY = 5  # control steps between two moments that are remembered
 LONGEST_BEFORE = 1_000  # control steps before a fall; more is a slip of the pen
+INITIAL_LIMITS = {"x": 1.0, "y": 1.0, "yaw": 3.15, "joint_pos": 1.0, "velocity": 5.0}  # more is a slip of the pen
 MOST_WAITING = 6  # moments that wait to be begun from, of each environment
 
 
@@ -50,6 +51,36 @@ class CurriculumConfig:
         change = np.where(lasted > self.raise_above, self.step, np.where(lasted < self.lower_below, -self.step, 0.0))
         moved: np.ndarray = np.clip(level + change, 0.0, 1.0)
         return moved
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialConfig:
+    """How a robot begins an episode; each is a number, ``[low, high]`` drawn uniformly for every episode, or null.
+
+    Null is as it would be without: in the nominal pose, at rest, at the start of the track.
+    """
+
+    x: Range | None = None
+    """along the track from its start, m"""
+    y: Range | None = None
+    """beside the track's centre line, m"""
+    yaw: Range | None = None
+    """heading, rad"""
+    joint_pos: Range | None = None
+    """added to the nominal position of each joint, drawn for each, rad; joint limits hold"""
+    velocity: Range | None = None
+    """of the base along each axis of the world, drawn for each, m/s"""
+
+    def __post_init__(self) -> None:
+        for name, limit in INITIAL_LIMITS.items():
+            range_ = getattr(self, name)
+            if range_ is None:
+                continue
+            if range_.words:
+                raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
+            for value in (range_.low, range_.high):
+                if abs(value) > limit:
+                    raise ValueError(f"'{name}' must lie between -{limit:g} and {limit:g}, found {value:g}.")
 
 
 def _at_least(name: str, range_: Range | None, least: float, above: bool = False) -> None:

@@ -13,6 +13,9 @@ from yaml import YAMLError
 
 from ogmp_sb3.config.messages import Where, describe
 
+WHOLE = ("bound",)
+"""Keys of a task file at which a mapping, given by an override, replaces the one that was there: a state that it does
+not name has weight 0, whatever the file says. All other mappings merge."""
 # PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
 UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
 
@@ -102,6 +105,8 @@ def _first_line(error: Exception) -> str:
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str], file: str) -> dict[str, Any]:
     """Put overrides into plain data, in place, and return it.
 
+    A mapping goes into the one that is there, key by key; those of :data:`WHOLE` replace it.
+
     :param overrides: ``{"rho": 0.3, "modes.jump.h": [0.1, 0.2]}`` or ``["rho=0.3", "modes.jump.h=[0.1,0.2]"]``
     :param file: for messages
     :raises ValueError: if an override is not ``key=value``
@@ -131,6 +136,8 @@ def _override_items(overrides: Mapping[str, Any] | Iterable[str], file: str) -> 
 def _set(node: dict[str, Any], keys: list[str], value: Any, where: Where) -> None:
     """Set a key in nested mappings. A mapping goes into what is there; reading finds the keys that are wrong."""
     first, *rest = keys
+    if not rest and isinstance(value, Mapping) and where.key is None and first in WHOLE:
+        node[first] = {}
     if not rest and not isinstance(value, Mapping):
         node[first] = value
         return

@@ -12,9 +12,11 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env import snapshots
 from ogmp_sb3.env.disturbances import Disturbances
 from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
+from ogmp_sb3.env.initial import InitialStates
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
+from ogmp_sb3.env.streams import Stream, generator
 from ogmp_sb3.env.terms import bind
 from ogmp_sb3.env.view import EnvView, deviation, srb_state
 from ogmp_sb3.guidance.guide import Guide
@@ -49,19 +51,23 @@ class StepResult:
 class BatchEnv:
     """``num_envs`` environments of a task.
 
-    Row ``i`` draws all its randomness from ``seed + i``, so four rows equal four environments of one.
+    Row ``i`` draws all its randomness from ``seed + i``, so four rows equal four environments of one. The same seed
+    gives other tracks in another stream (:mod:`ogmp_sb3.env.streams`).
 
     :param task: the task
     :param num_envs: number of environments
     :param seed: seed of row 0
     :param threads: physics threads, 0 for one per CPU
+    :param stream: what the episodes are for: ``"training"``, ``"test"`` or ``"selection"``
     :raises ValueError: if the task cannot be built
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0) -> None:
+    def __init__(
+        self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0, stream: Stream = "training"
+    ) -> None:
         if not 1 <= num_envs <= MAX_ENVS:
             raise ValueError(f"'num_envs' must be at least 1 and at most {MAX_ENVS:,}, found {num_envs}.")
-        self.task, self.num_envs = task, num_envs
+        self.task, self.num_envs, self.stream = task, num_envs, stream
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.guide = Guide(task, num_envs)
         self._observations = bind(registry.observations, task.observations)
@@ -70,6 +76,7 @@ class BatchEnv:
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
         self.disturbances = Disturbances(task.randomisation, num_envs, self.action_size, task.physics_dt, task.substeps)
+        self.initial = InitialStates(task.initial, task.robot_config, self.sim)
 
         self.step_count = np.zeros(num_envs, dtype=int)
         self._every = np.arange(num_envs)
@@ -113,11 +120,10 @@ class BatchEnv:
 
     def seed_row(self, row: int, seed: int) -> None:
         """Give one row a generator of its own, and start its curriculum anew without commands."""
-        if seed < 0:
-            raise ValueError(f"'seed' must be at least 0, found {seed}.")
-        self._rng[row] = np.random.default_rng(seed)
+        self._rng[row] = generator(seed, self.stream)
         self.disturbances.seed_row(row, self._rng[row])
         self.restarts.seed_row(row, self._rng[row])
+        self.initial.seed_row(row, self._rng[row])
         self.guide.forget_commands(row)
         self._ended[row] = False
         self.level[row] = self._first_level
@@ -157,13 +163,13 @@ class BatchEnv:
         """Put robots down at the start of new variants of the task."""
         if not len(rows):
             return
-        base = np.zeros((len(rows), 3))
+        start = self.initial.draw(rows)
+        ground = np.zeros(len(rows))
         for i, row in enumerate(rows):
-            ground = self.guide.begin(row, self._rng[row], float(self.level[row]))
-            base[i, 2] = ground + self.task.robot_config.nominal_height
+            ground[i] = self.guide.begin(row, self._rng[row], float(self.level[row]), float(start.xy[i, 0]))
         self.sim.vary(rows, **self.disturbances.begin(rows))
         self.sim.set_terrain(rows, self.terrain[rows])
-        self.sim.place(rows, base, self._nominal)
+        self.initial.put_down(rows, start, ground, self.terrain[rows])
         self.guide.query(rows, self._states(rows))
 
     def _go_back(self, moments: dict[int, tuple[np.ndarray, PlainModes]]) -> None:
@@ -252,15 +258,17 @@ class BatchEnv:
         self.sim.place(self._every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(self._every, self.terrain)
         snapshots.put_back(self._own_arrays(), arrays)
-        for generator, state in zip(self._rng, plain["generators"], strict=True):
-            generator.bit_generator.state = state
+        for rng, state in zip(self._rng, plain["generators"], strict=True):
+            rng.bit_generator.state = state
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return snapshots.restored, (type(self), (self.task, self.num_envs, 0, self.sim.threads), self.state())
+        arguments = self.task, self.num_envs, 0, self.sim.threads, self.stream
+        return snapshots.restored, (type(self), arguments, self.state())
 
     def _parts(self) -> dict[str, snapshots.Part]:
         """What has a state of its own, by the prefix of its arrays in a saved state."""
-        return {"": self.guide, "disturbances.": self.disturbances, "restarts.": self.restarts}
+        drawn: dict[str, snapshots.Part] = {"disturbances.": self.disturbances, "initial.": self.initial}
+        return {"": self.guide, **drawn, "restarts.": self.restarts}
 
     def _own_arrays(self) -> dict[str, np.ndarray]:
         return {name: getattr(self, name) for name in STATE_ARRAYS} | {"sim": self.sim.mj.state}

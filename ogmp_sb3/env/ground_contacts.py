@@ -58,14 +58,19 @@ def body_contact_addresses(model: mujoco.MjModel, robot: RobotConfig) -> np.ndar
     return np.array(model.sensor_adr[sensors], dtype=int)
 
 
-def foot_geoms(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:
-    """The geoms of feet that meet the ground.
+def ground_geoms(model: mujoco.MjModel) -> np.ndarray:
+    """The geoms of a robot that meet the ground.
 
     :param model: the robot with terrain
     :return: shape (n,), int
     """
-    bits = int(model.geom("terrain_0").contype[0])
-    return np.flatnonzero(_meet(model, bits) & np.isin(model.geom_bodyid, list(_feet(model, robot))))
+    return np.flatnonzero(_meet(model, int(model.geom("terrain_0").contype[0])))
+
+
+def foot_geoms(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:
+    """Those of its feet; as :func:`ground_geoms`."""
+    geoms = ground_geoms(model)
+    return geoms[np.isin(model.geom_bodyid[geoms], list(_feet(model, robot)))]  # type: ignore[no-any-return]
 
 
 def _ground_sensors(model: mujoco.MjModel) -> list[int]:

@@ -111,20 +111,32 @@ class Simulation:
         """
         self.qvel[rows, self.base_qvel : self.base_qvel + 2] += velocity
 
-    def place(self, rows: np.ndarray, base_pos: np.ndarray, joint_pos: np.ndarray) -> None:
-        """Put robots down at rest, upright, with the controls and what filters them at their joint positions.
+    def place(
+        self,
+        rows: np.ndarray,
+        base_pos: np.ndarray,
+        joint_pos: np.ndarray,
+        yaw: np.ndarray | float = 0.0,
+        velocity: np.ndarray | float = 0.0,
+    ) -> None:
+        """Put robots down upright, with the controls and what filters them at their joint positions.
 
         :param rows: simulations, shape (n,), int
         :param base_pos: shape (n, 3), m
-        :param joint_pos: shape (joints,), rad
+        :param joint_pos: shape (joints,) or (n, joints), rad
+        :param yaw: heading, shape (n,), rad
+        :param velocity: of the base, world frame, shape (n, 3), m/s
         """
         self.mj.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self.qpos[rows[:, None], np.arange(self.base_qpos, self.base_qpos + 3)] = base_pos
-        self.qpos[rows[:, None], np.arange(self.base_qpos + 3, self.base_qpos + 7)] = (1.0, 0.0, 0.0, 0.0)
+        self.qpos[rows[:, None], np.arange(self.base_qpos + 3, self.base_qpos + 7)] = 0.0
+        self.qpos[rows, self.base_qpos + 3] = np.cos(0.5 * np.asarray(yaw))
+        self.qpos[rows, self.base_qpos + 6] = np.sin(0.5 * np.asarray(yaw))
+        self.qvel[rows[:, None], np.arange(self.base_qvel, self.base_qvel + 3)] = velocity
         self.qpos[rows[:, None], self.joint_qpos] = joint_pos
         self.set_targets(joint_pos, rows)
         filtered = self.servos.act >= 0
-        self._act[rows[:, None], self.servos.act[filtered]] = (joint_pos * self.servos.gear)[filtered]
+        self._act[rows[:, None], self.servos.act[filtered]] = (joint_pos * self.servos.gear)[..., filtered]
         self._warnings_seen[rows] = self._warning_counts()[rows]
         self._failed[rows] = False
 

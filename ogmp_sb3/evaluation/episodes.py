@@ -10,6 +10,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Actor, AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.endings import UNSTABLE
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.srb import POS, VEL
@@ -27,6 +28,7 @@ def play_episodes(
     seed: int,
     max_distance: float | None = None,
     progress: Progress | None = None,
+    stream: Stream = "test",
 ) -> list[EpisodeRecord]:
     """Play whole episodes, deterministically; every environment plays one, so none is over-represented.
 
@@ -36,11 +38,12 @@ def play_episodes(
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param max_distance: an episode also ends this far along the track, m
     :param progress: called with the number of episodes that have just ended
+    :param stream: what the episodes are for; those of a test have other tracks than the training of the same seed
     :raises ValueError: if the policy does not fit the task
     """
     records: list[EpisodeRecord] = []
     for first in range(0, episodes, BATCH):
-        env = BatchEnv(task, min(BATCH, episodes - first), seed + first)
+        env = BatchEnv(task, min(BATCH, episodes - first), seed + first, stream=stream)
         records += play_batch(policy, env, max_distance, progress or (lambda _: None))
     return records
 

@@ -68,7 +68,7 @@ class ShadowedEnv(BatchEnv):
         self._now: dict[str, np.ndarray] = {}
         self.deviations: list[Deviations] = [{name: {} for name in task.oracle_params} for _ in range(num_envs)]
         """of each environment, one for each control step"""
-        super().__init__(task, num_envs, seed)
+        super().__init__(task, num_envs, seed, stream="test")
         self.guide.plans = ShadowedPlans(task, num_envs, self.guide.course.most_steps)
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:

@@ -18,6 +18,7 @@ from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
@@ -123,6 +124,7 @@ def evaluate(
     episodes: int = 100,
     seed: int = 0,
     progress: Progress | None = None,
+    stream: Stream = "test",
 ) -> Evaluation:
     """Evaluate a policy by the test protocol of a task, as ``ogmp-eval`` does.
 
@@ -132,6 +134,7 @@ def evaluate(
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param progress: called with the number of episodes that have just ended
+    :param stream: ``"test"`` for numbers that are reported; ``"selection"`` to choose between policies or settings
     :raises KeyError: for an unknown task
     :raises ValueError: if the policy or a metric does not fit the task, or for less than one episode
     """
@@ -139,7 +142,7 @@ def evaluate(
         raise ValueError(f"'episodes' must be at least 1, found {episodes}.")
     tested = (task if isinstance(task, TaskConfig) else load_task(task)).for_evaluation()
     metric_names(tested)
-    return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress))
+    return measure(tested, play_episodes(policy, tested, episodes, seed, progress=progress, stream=stream))
 
 
 def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:

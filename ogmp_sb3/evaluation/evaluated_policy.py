@@ -12,6 +12,7 @@ from typing import Any
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.evaluate import Evaluation, evaluate
 from ogmp_sb3.evaluation.grid import Grid, evaluate_cell, limits
@@ -51,18 +52,18 @@ class EvaluatedPolicy:
         """Samples the policy was trained on, if it says so."""
         return self.loaded.info.get("num_timesteps")
 
-    def evaluation(self, episodes: int, seed: int, progress: Progress) -> Evaluation:
+    def evaluation(self, episodes: int, seed: int, progress: Progress, stream: Stream = "test") -> Evaluation:
         """The evaluation under the task's test protocol: kept, left by ``ogmp-eval``, or measured now.
 
         The return is always among the metrics.
         """
-        settings = {**self._settings, "episodes": episodes, "seed": seed}
-        of_program = None if settings in self._results else self._evaluated(episodes, seed)
+        settings = {**self._settings, "episodes": episodes, "seed": seed, "stream": stream}
+        of_program = None if settings in self._results or stream != "test" else self._evaluated(episodes, seed)
         if of_program or settings in self._results:
             progress(episodes)
 
         def compute() -> dict[str, Any]:
-            return (of_program or evaluate(self.loaded, self._test(), episodes, seed, progress)).as_data()
+            return (of_program or evaluate(self.loaded, self._test(), episodes, seed, progress, stream)).as_data()
 
         return Evaluation.from_data(self._results.remember(settings, compute))
 
@@ -78,7 +79,8 @@ class EvaluatedPolicy:
 
         metrics = []
         for cell in grid.cells:
-            settings = {**self._settings, "mode": grid.mode, "cell": limits(cell), "episodes": episodes, "seed": seed}
+            asked = {"mode": grid.mode, "cell": limits(cell), "episodes": episodes, "seed": seed, "stream": "test"}
+            settings = {**self._settings, **asked}
             if settings in self._results:
                 progress(episodes)
             metrics.append(self._results.remember(settings, partial(compute, cell)))
@@ -115,7 +117,8 @@ class EvaluatedPolicy:
             same = (
                 all(settings[key] == value for key, value in self._settings.items())
                 and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
-                and report.get("episodes", report["metrics"]["return"]["n"]) == episodes
+                and report["stream"] == "test"
+                and report["episodes"] == episodes
                 and "return" in report["metrics"]
             )
             return Evaluation.from_data(report) if same else None

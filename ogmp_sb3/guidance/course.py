@@ -58,15 +58,15 @@ class Course:
             )
         self.commands[row].append(call)
 
-    def begin(self, row: int, rng: np.random.Generator, level: float) -> float:
-        """Begin a new variant; returns the height of the ground at its start, m."""
+    def begin(self, row: int, rng: np.random.Generator, level: float, x: float = 0.0) -> float:
+        """Begin a new variant for a robot at x (m); returns the height of the ground at its start, m."""
         self.terrain[row] = empty_terrain(1, self.terrain.shape[1])[0]
         self._span_count[row] = self._mode_count[row] = 0
         self._laid[row] = 0.0
         self.modes[row] = []
         if not self.timed:
             self._place(row, [Plateau(-START_PLATEAU, 0.0, 0.0)], -np.inf)
-        self.extend(row, 0.0, rng, level)
+        self.extend(row, x, rng, level)
         return self.modes[row][0].segment().start_height
 
     def short_of_track(self, rows: np.ndarray, x: np.ndarray) -> np.ndarray:

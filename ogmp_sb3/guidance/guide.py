@@ -92,14 +92,15 @@ class Guide:
         """
         return self.course.mode_at(row, x)
 
-    def begin(self, row: int, rng: np.random.Generator, level: float) -> float:
+    def begin(self, row: int, rng: np.random.Generator, level: float, x: float = 0.0) -> float:
         """Lay a new variant of the task; returns the height of the ground at its start, m.
 
         :param row: the environment
         :param rng: its generator
         :param level: its curriculum level
+        :param x: where its robot is put down along the track, m
         """
-        return self.course.begin(row, rng, level)
+        return self.course.begin(row, rng, level, x)
 
     def query(self, rows: np.ndarray, states: np.ndarray) -> None:
         """Ask the oracle for new references.

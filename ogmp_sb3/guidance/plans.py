@@ -16,7 +16,7 @@ from ogmp_sb3.guidance.course import Course
 from ogmp_sb3.guidance.latent import LATENT_SIZE, task_encoder
 from ogmp_sb3.guidance.modes import Segment
 from ogmp_sb3.guidance.oracles import Oracle, Plant
-from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.rotations import rpy_to_quat, smallest_rpy
 from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points, span_array, span_row
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
 
@@ -129,6 +129,9 @@ class Plans:
         :param course: what the modes ask of them
         """
         task = self._task
+        if self._feedback[RPY].any():  # oracles subtract angles from those of set-points, which begin upright
+            states = states.copy()
+            states[:, RPY] = smallest_rpy(states[:, RPY])
         x0 = np.where(self._feedback, states, 0.0)
         steps = course.query_steps(rows)
         timed = np.full(len(rows), course.timed)

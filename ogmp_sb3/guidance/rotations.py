@@ -44,6 +44,17 @@ def quat_rotate_inverse(q: Array, v: Array) -> Array:
     return quat_rotate(quat_conjugate(q), v)
 
 
+def quat_to_rotvec(q: Array) -> Array:
+    """The rotation vector of a quaternion, its axis times its angle in [0, pi], shape (..., 3), rad."""
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    # angle / sine tends to 2 where both vanish
+    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    vector: np.ndarray = scale * q[..., 1:]
+    return vector
+
+
 def rpy_to_quat(rpy: Array) -> Array:
     """Roll, pitch, yaw (..., 3), rad, to a quaternion (..., 4)."""
     half = 0.5 * np.asarray(rpy, dtype=float)
@@ -66,6 +77,17 @@ def quat_to_rpy(q: Array) -> Array:
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def smallest_rpy(rpy: Array) -> Array:
+    """The same orientations by the smaller of their two triples of angles, shape (..., 3), rad.
+
+    Roll, pitch and yaw in [-pi, pi) name an orientation twice, once with a pitch beyond a quarter turn: a body pitched
+    by 100 degrees is also one pitched by 80 with half a turn of roll and of yaw.
+    """
+    other = wrap_angle(rpy * np.array([1.0, -1.0, 1.0]) + np.pi)
+    smaller = np.linalg.norm(other, axis=-1, keepdims=True) < np.linalg.norm(rpy, axis=-1, keepdims=True)
+    return np.where(smaller, other, rpy)
 
 
 def rpy_to_matrix(rpy: Array) -> Array:

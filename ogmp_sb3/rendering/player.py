@@ -44,7 +44,7 @@ class Player:
 
     :param task: the task as in training; its bound is only shown
     :param policy: a model, a policy or a loaded policy; None: the robot follows the oracle's references exactly
-    :param seed: of the modes that are drawn
+    :param seed: of the modes that are drawn, the same as in a test episode of this seed
     :raises ValueError: if the policy does not fit the task
     """
 
@@ -52,10 +52,10 @@ class Player:
         self.task, self.policy = task, policy
         self._actor: Actor | None = None
         if policy is None:
-            unobserved = replace(endless(task), terminations={}, observations={"clock": {}})
-            self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1)
+            unobserved = replace(endless(task), terminations={}, observations={"clock": {}}, initial=None)
+            self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1, stream="test")
         else:
-            self.env = BatchEnv(endless(task), 1, seed, threads=1)
+            self.env = BatchEnv(endless(task), 1, seed, threads=1, stream="test")
             self._actor = Actor(policy, 1, self.env.observation_size)
         self.reset()
 

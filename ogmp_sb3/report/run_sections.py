@@ -123,12 +123,13 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
     """A sentence on how policies are evaluated."""
     test = task.evaluation
     track = "" if test.track_length is None else f" on a track of {test.track_length:g} m, flat ground behind it"
+    starts = "" if test.initial is None else " Robots begin in states that are drawn."
     ends = ", ".join(name for name, parameters in test.terminations.items() if parameters is not None)
     return (
         f"{task.name}: {episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at "
-        f"most {test.episode_steps} control steps{track}. The bound and the least reward of a step are off; an episode "
-        f"ends earlier only by: {ends or 'nothing'}. Intervals are of the mean over the episodes, at 95 %: Student's, "
-        f"Wilson's for yes or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
+        f"most {test.episode_steps} control steps{track}.{starts} The bound and the least reward of a step are off; an "
+        f"episode ends earlier only by: {ends or 'nothing'}. Intervals are of the mean over the episodes, at 95 %: "
+        f"Student's, Wilson's for yes or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
     )
 
 

@@ -1,4 +1,7 @@
-"""The curriculum: every environment has a level of its own, moved by how long its episodes last."""
+"""The curriculum: every environment has a level of its own, moved by how long its episodes last. Initial states."""
+
+import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,3 +90,25 @@ def test_without_a_curriculum_every_episode_is_the_whole_task() -> None:
     last(env, 1)
     env.reset()
     np.testing.assert_array_equal(env.level, 1.0)
+
+
+# ---- initial states ----
+
+
+@pytest.mark.parametrize(
+    "initial, message",
+    [
+        ({"yaw": 180}, "'initial': 'yaw' must lie between -3.15 and 3.15, found 180."),
+        ({"x": [-2, 0]}, "'initial': 'x' must lie between -1 and 1, found -2."),
+        ({"y": [-1.0, 0]}, "'initial.y' must lie on the track, which is 2 m wide, found -1 to 0."),
+        ({"joint_pos": "front"}, "'initial': 'joint_pos' must be a number or [low, high], found front."),
+        ({"velocity": [0.1, -0.1]}, "'initial.velocity' is a reversed range"),
+        ({"z": 0.1}, "'initial.z' is not a known key (allowed: joint_pos, velocity, x, y, yaw)."),
+        (0.1, "'initial' must be a mapping, found the number 0.1."),
+    ],
+)
+@pytest.mark.parametrize("place", ["", "evaluation."])
+def test_an_initial_state_that_cannot_be_is_one_sentence(initial: Any, message: str, place: str) -> None:
+    message = message.replace("'initial", f"'{place}initial")
+    with pytest.raises((ValueError, TypeError, KeyError), match=re.escape(message)):
+        load_task("parkour", {f"{place}initial": initial})

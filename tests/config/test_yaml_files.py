@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -266,6 +267,44 @@ def test_overrides_of_plain_data_are_put_in_place() -> None:
     data = copy.deepcopy(SHIPPED["parkour"])
     assert apply_overrides(data, ["modes.jump.h=1"], "t") is data
     assert data["modes"]["jump"]["h"] == 1
+
+
+@pytest.mark.parametrize(
+    "overrides, bound",
+    [
+        (["bound={z: 1.0}"], {"z": 1.0}),
+        ({"bound": {"z": 1.0}}, {"z": 1.0}),
+        ({"bound": {"pitch": 2.0, "x": 0.0}}, {"pitch": 2.0, "x": 0.0}),
+        (["bound={x: 1.0}", "bound.y=2.0"], {"x": 1.0, "y": 2.0}),
+        (["bound.y=2.0", "bound={x: 1.0}"], {"x": 1.0}),
+        (["bound.z=2.0"], {"z": 2.0, "wx": 0.025, "wy": 0.025}),
+        ({"bound.x": 2.0}, {"x": 2.0, "z": 1.0, "wx": 0.025, "wy": 0.025}),
+    ],
+)
+def test_a_mapping_for_the_bound_replaces_it_and_a_single_weight_does_not(
+    overrides: Any, bound: dict[str, float]
+) -> None:
+    assert load_task("dive", overrides).bound == bound
+
+
+def test_every_other_mapping_merges() -> None:
+    overrides = {
+        "modes": {"flip": {"h": 1.2}},
+        "oracle_params.lqr.Q": {"z": 5.0},
+        "evaluation": {"initial": {"x": 0.1}},
+    }
+    task, shipped = load_task("dive", overrides), load_task("dive")
+    assert task.mode_ranges["flip"] == {**shipped.mode_ranges["flip"], "h": Range(1.2, 1.2)}
+    assert task.oracle_params["lqr"]["Q"] == {**shipped.oracle_params["lqr"]["Q"], "z": 5.0}
+    assert task.evaluation.initial == replace(shipped.evaluation.initial, x=Range(0.1, 0.1))  # type: ignore[type-var]
+
+
+def test_a_bound_of_another_task_in_an_override_is_not_taken_for_the_task_s() -> None:
+    """Only at the top: a mapping of this name anywhere else merges like all others."""
+    assert apply_overrides({"a": {"bound": {"x": 1}}}, {"a": {"bound": {"y": 2}}}, "t")["a"]["bound"] == {
+        "x": 1,
+        "y": 2,
+    }
 
 
 def test_plain_data_that_is_no_mapping_is_an_error() -> None:

@@ -13,6 +13,7 @@ from gymnasium import spaces
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.episodes import play_batch, play_episodes
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.traces import make_trace
@@ -36,6 +37,21 @@ def test_every_row_of_a_record_has_one_entry_per_step_and_the_start(records: lis
         for name in ("base_pos_w", "reward", "reference_pos_w", "phase", "deviation"):
             assert len(getattr(record, name)) == record.steps + 1
         assert record.track_length == 10.0  # of the test protocol
+
+
+def test_episodes_are_played_on_other_tracks_than_a_training_has() -> None:
+    class Still:
+        def predict(self, observation: np.ndarray, *arguments: Any, **named: Any) -> tuple[np.ndarray, None]:
+            return np.zeros((len(observation), 10)), None
+
+    def modes(stream: Stream) -> list[Any]:
+        env = BatchEnv(TASK, 3, seed=4, stream=stream)
+        return [record.modes for record in play_batch(Still(), env, None, lambda _: None)]  # type: ignore[arg-type]
+
+    played = [record.modes for record in play_episodes(Still(), TASK, 3, seed=4)]  # type: ignore[arg-type]
+    assert played == modes("test")
+    assert played[1:] == [record.modes for record in play_episodes(Still(), TASK, 2, seed=5)]  # type: ignore[arg-type]
+    assert not [pair for pair in zip(played, modes("training"), strict=True) if pair[0] == pair[1]]
 
 
 def test_the_phase_counts_from_each_query_of_the_oracle(records: list[EpisodeRecord]) -> None:

@@ -40,7 +40,7 @@ class Waver:
 @pytest.mark.parametrize("oracle", ["linear", "lqr", "preview"])
 def test_the_shadow_of_the_own_oracle_is_the_own_deviation(oracle: str) -> None:
     task = load_task("parkour", {**OPEN, "oracle": oracle})
-    plain, shadowed = BatchEnv(task, 3, 5), ShadowedEnv(task, 3, 5)
+    plain, shadowed = BatchEnv(task, 3, 5, stream="test"), ShadowedEnv(task, 3, 5)
     assert np.array_equal(plain.reset(), shadowed.reset())
     expected: list[float] = []
     for k in range(40):  # beyond a query

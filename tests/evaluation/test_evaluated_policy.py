@@ -72,19 +72,31 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(
         assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == MEASURED
 
 
-def test_what_an_earlier_version_of_ogmp_eval_left_is_used_and_copies_count_as_played(
+def test_what_is_to_select_is_measured_on_other_tracks_than_what_is_reported(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert program("eval", f"run={copy}", "episodes=3", SHORT, cwd=tmp_path).returncode == 0
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        "ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments: asked.append(arguments[-1]) or MEASURED
+    )
+    tested = subject(copy, SHORT).evaluation(3, 0, lambda n: None)
+    assert asked == [] and tested != MEASURED  # as ogmp-eval left it
+    assert subject(copy, SHORT).evaluation(3, 0, lambda n: None, "selection") == MEASURED
+    assert asked == ["selection"]
+    assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == tested
+
+
+def test_what_was_measured_on_the_tracks_of_an_earlier_version_is_measured_again(
     copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert program("eval", f"run={copy}", "episodes=3", SHORT, cwd=tmp_path).returncode == 0
     file = copy / "evaluation" / "metrics.json"
     left = json.loads(file.read_text())
-    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
-    earlier = {key: value for key, value in left.items() if key not in ("episodes", "copies", "speeds")}
-    for since, played in (({}, 3), ({"episodes": 7, "copies": 4}, 7)):
-        file.write_text(json.dumps({**earlier, **since}))
-        found = subject(copy, SHORT).evaluation(played, 0, lambda n: None)
-        assert (found.copies, found.episodes, found.speeds) == (played - 3, played, ())
-        (copy / "evaluation" / "results.jsonl").unlink()
+    del left["stream"]
+    file.write_text(json.dumps(left))
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments: MEASURED)
+    assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == MEASURED
 
 
 def test_results_lie_in_the_file_as_plain_data(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

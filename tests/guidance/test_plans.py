@@ -12,7 +12,7 @@ from ogmp_sb3.config.answers import FunctionFailed
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.guidance.course import Course
 from ogmp_sb3.guidance.plans import CheckedOracle, Plans, segment_set_points, start_state
-from ogmp_sb3.guidance.rotations import rpy_to_quat
+from ogmp_sb3.guidance.rotations import quat_to_rpy, rpy_to_quat
 from ogmp_sb3.guidance.sampling import ModeCall, flat_ground
 from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
@@ -47,6 +47,20 @@ def test_a_query_is_due_when_the_reference_is_at_its_end() -> None:
     np.testing.assert_array_equal(plans.due(every[1:]), every[1:])
     plans.advance()
     np.testing.assert_array_equal(plans.phase, HORIZON)  # rows that nobody asks for any more stay at the last knot
+
+
+@pytest.mark.parametrize("feedback", [["pitch"], ["roll", "pitch", "yaw"]])
+def test_a_body_beyond_a_quarter_turn_is_fed_back_as_it_turned(feedback: list[str]) -> None:
+    """The state of a body pitched by 1.8 rad has half a turn of roll and yaw; no oracle should plan these back."""
+    task = load_task("dive", {"feedback": feedback, "oracle": "lqr"})
+    course = Course(task, 1)
+    course.begin(0, np.random.default_rng(0), level=1.0)
+    plans = Plans(task, 1, course.most_steps)
+    states = np.zeros((1, STATE_SIZE))
+    states[0, RPY] = quat_to_rpy(rpy_to_quat(np.array([0.0, 1.8, 0.0])))
+    plans.query(np.arange(1), states, course)
+    np.testing.assert_allclose(plans.reference[0, 0, RPY], [0.0, 1.8, 0.0], atol=1e-9)
+    assert np.abs(states[0, RPY.start]) == pytest.approx(np.pi)  # what was given is left alone
 
 
 def test_a_query_changes_the_rows_that_ask_and_no_others() -> None:

@@ -144,3 +144,36 @@ def test_arguments_are_left_alone(function):
     function(*arguments)
     for argument, copy in zip(arguments, before, strict=True):
         np.testing.assert_array_equal(argument, copy)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_rotation_vectors_are_scipy_s(shape):
+    quats = random_quats(shape)
+    expected = scipy_of(quats).as_rotvec().reshape(*shape, 3)
+    np.testing.assert_allclose(rotations.quat_to_rotvec(quats), expected, atol=1e-12)
+    np.testing.assert_allclose(rotations.quat_to_rotvec(-quats), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 1e-4, np.pi - 1e-9, np.pi])
+def test_rotation_vectors_hold_next_to_no_turn_and_to_half_a_turn(angle):
+    half = 0.5 * angle
+    vector = rotations.quat_to_rotvec(np.array([np.cos(half), 0.0, np.sin(half), 0.0]))
+    np.testing.assert_allclose(vector, [0.0, angle, 0.0], rtol=1e-12, atol=0.0)
+
+
+def test_smallest_angles_mean_the_same_rotation_and_none_are_smaller():
+    quats = random_quats((500,))
+    rpy = rotations.quat_to_rpy(quats)
+    smallest = rotations.smallest_rpy(rpy)
+    assert same_rotation(rotations.rpy_to_quat(smallest), quats)
+    size = np.linalg.norm(smallest, axis=-1)
+    assert (size <= np.linalg.norm(rpy, axis=-1)).all()
+    assert (size < np.linalg.norm(rpy, axis=-1)).any()
+    upright = np.abs(rpy).max(axis=-1) < 0.5 * np.pi
+    np.testing.assert_array_equal(smallest[upright], rpy[upright])
+
+
+@pytest.mark.parametrize("pitch", [-3.0, -1.7, -1.0, 1.0, 1.7, 3.0])
+def test_a_body_that_is_only_pitched_has_only_a_pitch(pitch):
+    rpy = rotations.quat_to_rpy(rotations.rpy_to_quat(np.array([0.0, pitch, 0.0])))
+    np.testing.assert_allclose(rotations.smallest_rpy(rpy), [0.0, pitch, 0.0], atol=1e-9)

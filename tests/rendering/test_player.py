@@ -26,7 +26,7 @@ def until_end(player: Player) -> list[Frame]:
 
 def test_a_policy_s_frames_are_those_of_the_environment() -> None:
     task = flat()
-    player, env = still_player(task, seed=3), BatchEnv(endless(task), 1, 3)
+    player, env = still_player(task, seed=3), BatchEnv(endless(task), 1, 3, stream="test")
     env.reset()
     for step in range(1, 11):
         frame, result = player.step(), env.step(np.zeros((1, 10)))
@@ -36,6 +36,20 @@ def test_a_policy_s_frames_are_those_of_the_environment() -> None:
         assert frame.deviation == result.view.deviation[0]
         assert frame.reward == result.reward[0]
         assert frame.time == pytest.approx(0.03 * step)
+
+
+def test_a_seed_shows_the_track_and_the_start_of_the_test_episode_of_that_seed() -> None:
+    task = load_task("parkour")
+    player, env = still_player(task, seed=3), BatchEnv(task.for_evaluation(), 1, 3, stream="test")
+    env.reset()
+    np.testing.assert_array_equal(player.frame.robot, env.sim.qpos[0])
+    assert repr(player.env.modes[0]) == repr(env.modes[0])
+
+
+def test_an_oracle_s_robot_keeps_the_nominal_pose() -> None:
+    player = Player(load_task("parkour", {"evaluation.initial.joint_pos": [0.1, 0.2]}), None)
+    sim = player.env.sim
+    np.testing.assert_array_equal(sim.qpos[0, sim.joint_qpos], player.task.robot_config.nominal_joints)
 
 
 def test_an_episode_that_ended_begins_anew_with_a_fresh_policy_state() -> None:

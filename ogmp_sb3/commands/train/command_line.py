@@ -28,13 +28,14 @@ from ogmp_sb3.config.messages import describe, did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.multirun import plain_key
 from ogmp_sb3.runs.settings import TrainConfig
-from ogmp_sb3.sb3.hyperparameters import PPOConfig
+from ogmp_sb3.sb3.hyperparameters import DEFAULTS, PPOConfig
 
 PROGRAM = "ogmp-train"
 TASK_KEYS = task_keys(TaskConfig)
 ADDED = ("experiment", "search")  # groups that are given as +experiment=...
 DIRECTORIES = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")  # keys with one value, commas and all
 PATHS = ("robot", "encoder")  # keys of the task whose value may be a path
+PAPER = DEFAULTS.parent / "experiment" / "paper"  # the paper's own settings of each task
 FULL_ERROR = "HYDRA_FULL_ERROR"  # Hydra's variable: errors are raised, not printed
 LINKS = ("See https://", "full_key:", "object_type=", "reference_type=", "Config search path:", "provider=")
 
@@ -55,7 +56,7 @@ def checked(arguments: list[str], tasks: Iterable[dict[str, Any]]) -> list[str]:
     :raises ValueError: for an option or an override that cannot be read
     """
     # Hydra wants its options before the overrides; people write them anywhere.
-    arguments = sorted(map(_with_quotes, arguments), key=lambda a: "=" in a and not a.startswith("-"))
+    arguments = sorted(map(_with_quotes, arguments), key=lambda a: a[0:1] == "~" or ("=" in a and a[0:1] != "-"))
     options = _options(arguments)
     multirun = options.multirun or "hydra.mode=MULTIRUN" in arguments
     overrides = {text: _parsed(text) for text in options.overrides}
@@ -206,8 +207,12 @@ def run_hydra(main: Callable[[], object]) -> None:
 def sentence(error: Exception) -> str:
     """One sentence for an error of Hydra or OmegaConf."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
-        group, _, name = str(error.missing_cfg_file).rpartition("/")
-        return f"unknown {group or 'configuration'} {name!r}{did_you_mean(name, error.options or ())}"
+        path, names = str(error.missing_cfg_file), set(error.options or ())
+        group, _, name = path.rpartition("/")
+        if path.startswith("experiment/"):  # of which Hydra knows no options in folders
+            group, _, name = path.partition("/")
+            names.update(f"paper/{file.stem}" for file in PAPER.glob("*.yaml"))
+        return f"unknown {group or 'configuration'} {name!r}{did_you_mean(name, names)}"
     missing = re.match(r"You must specify '(\w+)'.*?Available options:(.*)", str(error), re.DOTALL)
     if missing:
         group, options = missing.groups()

@@ -1,6 +1,8 @@
-"""Keys of the task that are given without ``task.``: a place for each at the top of Hydra's configuration.
+"""What Hydra does not do by itself when it composes a task.
 
-Hydra then takes them as they were typed, in sweeps too, and names directories by them.
+Keys of the task that are given without ``task.`` have a place each at the top of the configuration: Hydra then takes
+them as they were typed, in sweeps too, and names directories by them. And where Hydra merges a mapping into the one
+that is there, those of :data:`~ogmp_sb3.config.yaml_files.WHOLE` replace it, whether typed or in a file.
 """
 
 from __future__ import annotations
@@ -10,11 +12,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
+from hydra._internal import hydra as hydra_internals
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.config_store import ConfigStore
+from hydra.core.default_element import ResultDefault
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from ogmp_sb3.commands.train.command_line import TASK_KEYS
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import WHOLE
+from ogmp_sb3.runs.multirun import plain_key
 
 NAME = "bare_task_keys"  # in the defaults of conf/train.yaml
 
@@ -43,8 +51,59 @@ def given_bare(plain: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, 
     :param overrides: the command line, which tells an empty mapping that was given from none
     """
     typed = {override.partition("=")[0].lstrip("+") for override in overrides}
-    found = {key: plain[key] for key in TASK_KEYS if plain.get(key, MISSING) != MISSING}
+    here = [key for key in TASK_KEYS if key not in WHOLE]  # those are in the task already, see Composition
+    found = {key: plain[key] for key in here if plain.get(key, MISSING) != MISSING}
     return {key: value for key, value in found.items() if value != {} or key in typed}
+
+
+class Composition(ConfigLoaderImpl):
+    """Hydra's composition, after which the task holds the keys of :data:`WHOLE` as they were given last."""
+
+    def _compose_config_from_defaults_list(self, defaults: list[ResultDefault], repo: Any) -> DictConfig:
+        """The files one over another: the task, then experiments."""
+        given: dict[str, Any] = {}
+        for default in defaults:
+            if default.config_path != NAME:
+                file = OmegaConf.to_container(self._load_single_config(default, repo).config)
+                given |= _whole_keys(file) | _whole_keys(file.get("task"))  # type: ignore[union-attr]
+        config = super()._compose_config_from_defaults_list(defaults, repo)
+        _set_whole(config, given)
+        for key in given:  # may get names that it has not
+            if isinstance(OmegaConf.select(config, f"task.{key}"), DictConfig):
+                OmegaConf.set_struct(config.task[key], False)
+        return config
+
+    def _load_configuration_impl(self, *args: Any, **kwargs: Any) -> DictConfig:
+        """The command line over the files."""
+        config = super()._load_configuration_impl(*args, **kwargs)
+        overrides = OverridesParser.create().parse_overrides(list(config.hydra.overrides.task))
+        for override in overrides:
+            key, _, name = plain_key(override.key_or_group).partition(".")
+            if key not in WHOLE or override.is_sweep_override():
+                continue
+            if not name:
+                _set_whole(config, {key: override.value()})
+                continue
+            held = OmegaConf.select(config, f"task.{key}")
+            mapping = {} if held is None else dict(OmegaConf.to_container(held))  # type: ignore[arg-type]
+            mapping.pop(name, None)
+            _set_whole(config, {key: mapping if override.is_delete() else {**mapping, name: override.value()}})
+        return config
+
+
+def _whole_keys(node: Any) -> dict[str, Any]:
+    return {key: node[key] for key in WHOLE if key in node} if isinstance(node, dict) else {}
+
+
+def _set_whole(config: DictConfig, values: Mapping[str, Any]) -> None:
+    if isinstance(config.get("task"), DictConfig):
+        for key, value in values.items():
+            OmegaConf.update(config, f"task.{key}", value, merge=False, force_add=True)
+
+
+def register_composition() -> None:
+    """Have Hydra compose as above; launchers take it along to where their jobs run."""
+    hydra_internals.ConfigLoaderImpl = Composition  # type: ignore[attr-defined]
 
 
 register_bare_keys()

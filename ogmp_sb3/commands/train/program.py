@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
+from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
 from ogmp_sb3.commands.train.jobs import read_job
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
@@ -87,6 +88,7 @@ def _resume(arguments: list[str]) -> None:
 def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
     register_sweeper()
+    register_composition()
     arguments, names = register_tasks(expanded(joined(arguments)))
     check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))

@@ -2,7 +2,8 @@
 
 Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML 2013. It needs runs that go on
 where they stopped, which ours are. Policies are compared by the task's true objective under its test protocol, where
-none has a bound: training returns of different bounds cannot be compared.
+none has a bound: training returns of different bounds cannot be compared. The tracks are neither those of the
+trainings nor those of a test.
 
 It is a sweeper of Hydra's, ``hydra/sweeper=halving``, and runs its jobs on whatever launcher is chosen;
 ``+search=<key>`` is short for it.
@@ -30,6 +31,7 @@ from rich.table import Table
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
+from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.runs.multirun import MULTIRUN, plain_key
 from ogmp_sb3.runs.policies import load_policy
@@ -38,6 +40,7 @@ from ogmp_sb3.runs.run_directory import FAILURE, Run, read_run
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
 VALUES = {"rho": "0.05,0.1,0.2,0.3,0.4,0.5,0.6,0.8"}  # of keys that a command line need not give values
+STREAM: Stream = "selection"  # of its episodes: what is reported of the jobs is measured on others
 SCORES = "halving.jsonl"  # in the directory of the search
 SHORT = "+search="
 SWEEPER = "hydra/sweeper=halving"
@@ -119,7 +122,7 @@ class HalvingSweeper(Sweeper):
             first = first or [job for of_value in jobs.values() for job in of_value]
             ranked = _ranked(folder, jobs, budget, self.episodes)
             values = [value for _, value in ranked[: max(1, (len(ranked) + 1) // 2)]]
-            _show(ranked, len(values), f"after {budget:,} samples, {self.episodes} test episodes each")
+            _show(ranked, len(values), f"after {budget:,} samples, {self.episodes} episodes each")
         spent = sum(read_run(job.path).samples for job in first)
         print(f"Best: {self.key}={values[0]}. {spent:,} samples; the full grid takes {len(first) * total:,}.")
 
@@ -200,6 +203,7 @@ def _ranked(
         for job in of_value:
             name = job.path.resolve().relative_to(folder.resolve()).as_posix()
             settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes}
+            settings["stream"] = STREAM
             if settings not in known and _is_beyond(job, samples):
                 raise ValueError(
                     f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
@@ -224,7 +228,7 @@ def _score(job: Run, episodes: int) -> list[float]:
     )
 
     subject = EvaluatedPolicy(load_policy(job.path), [], job.path)
-    return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None))
+    return rank_key(subject.evaluation(episodes, seed=0, progress=lambda _: None, stream=STREAM))
 
 
 def _show(ranked: list[tuple[list[float], str]], kept: int, title: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.train.command_line import PAPER
 from ogmp_sb3.config import catalogue
 from ogmp_sb3.config.editor_schema import field_texts
 from ogmp_sb3.config.yaml_files import read_yaml
@@ -39,9 +40,11 @@ def usage() -> str:
 
 def _options() -> list[tuple[str, str]]:
     experiments = sorted(path.stem for path in (DEFAULTS.parent / "experiment").glob("*.yaml") if path.stem != SHARED)
+    of_paper = sorted(path.stem for path in PAPER.glob("*.yaml"))
     return [
         ("-m", "train every combination of the values that have commas between them"),
         ("+experiment=<name>", f"with -m, a ready sweep: {', '.join(experiments)}"),
+        ("+experiment=paper/<task>", f"the settings of the paper: {', '.join(of_paper)}"),
         ("+search=<key>", "successive halving over the values of a key: the better half trains on, twice as long"),
         ("--config-dir <dir>", "where else task=<name> is looked for: <dir>/task/<name>.yaml"),
         ("--cfg job", "print the settings instead of training"),

@@ -93,6 +93,7 @@ def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
         ("seed=4294967296", "'seed' must be at most 4,294,967,295, found 4.29497e+09."),
         ("experiment=x", "write '+experiment=x'."),
         ("+experiment=rhoo", "unknown experiment 'rhoo' (allowed: "),
+        ("+experiment=paper/diev", "Did you mean 'paper/dive'?"),
         ("+foo=3", "'foo' is not a known key (allowed: "),
         ("task=dvie", "unknown task 'dvie' (allowed: dive, parkour, stairs). Did you mean 'dive'?"),
         ("rho=0.1,0.2", "'rho=0.1,0.2' has several values: add -m to train each of them"),

@@ -14,6 +14,8 @@ from helpers.programs import SMALL, program
 from ogmp_sb3.commands.train import search as halving
 from ogmp_sb3.commands.train.search import EPISODES, ROUNDS, HalvingSweeper, expanded
 from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.evaluation.evaluate import Evaluation
+from ogmp_sb3.evaluation.statistics import estimate
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import read_sweep, setting
 from ogmp_sb3.runs.run_directory import Run
@@ -93,6 +95,23 @@ def test_scores_are_kept(played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(halving, "_score", lambda job, episodes: pytest.fail("was computed again"))
     run(tmp_path, "rho=0.1,0.3")
     assert played == before * 2
+
+
+def test_scores_are_measured_on_tracks_that_no_test_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    streams: list[str] = []
+
+    class Subject:
+        def __init__(self, *arguments: object) -> None:
+            pass
+
+        def evaluation(self, episodes: int, seed: int, progress: object, stream: str = "test") -> Evaluation:
+            streams.append(stream)
+            return Evaluation({name: estimate([1.0]) for name in ("true_objective", "return")}, {}, 0.0, {})
+
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.EvaluatedPolicy", Subject)
+    monkeypatch.setattr(halving, "load_policy", lambda path: None)
+    assert halving._score(Run(tmp_path, (), {}, {}, "finished"), 4) == [1.0, 1.0]
+    assert streams == ["selection"]
 
 
 def test_scores_are_not_those_of_another_training_in_the_same_directory(played, tmp_path: Path) -> None:
