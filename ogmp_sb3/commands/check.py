@@ -25,7 +25,6 @@ from ogmp_sb3.env.robot_check import Stand, model_srb, stand
 from ogmp_sb3.guidance.course import standing_still
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.report.plots.guidance import plot_references
 from ogmp_sb3.runs.failed_steps import load_step
 from ogmp_sb3.runs.storage import save_json
@@ -71,7 +70,7 @@ HELP = cli.usage(
 
 
 def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
-    """Base heights of every mode in the middle of its ranges, by every oracle the task has parameters for."""
+    """References of every mode in the middle of its ranges, by every oracle the task has parameters for."""
     panels = []
     for name, ranges in task.mode_ranges.items():
         words = [r.words for r in ranges.values() if r.words]
@@ -82,13 +81,13 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
         duration = segment.spans[-1].end if segment.timed else min(duration, LONGEST)
         x0 = start_state(task, segment)
         points = segment_set_points(task, [segment], x0, max(1, round(duration / task.control_dt)))
-        heights = {
-            oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0, :, POS.start + 2]
+        references = {
+            oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0]
             for oracle in sorted({*task.oracle_params, task.oracle})
         }
         numbers = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
         title = f"{name} ({', '.join([*(w[0] for w in words), numbers])})" if ranges else name
-        panels.append((title, points.stance[0], points.state[0, :, POS.start + 2], heights))
+        panels.append((title, points.stance[0], points.state[0], references))
     return panels
 
 
