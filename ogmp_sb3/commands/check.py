@@ -22,7 +22,7 @@ from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, model_srb, stand
-from ogmp_sb3.guidance.course import standing_still
+from ogmp_sb3.guidance.admissible import admissible_rho
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.report.plots.guidance import plot_references
@@ -113,9 +113,13 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     table.add_row("nominal pose", f"held for 1 s: {stance(standing)}")
     table.add_row(f"dropped {DROP:g} m", f"after 1 s: {stance(dropped)}")
     table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
-    verdict = standing_still(task)
-    if verdict:
-        table.add_row("standing still", verdict)
+    admissible = admissible_rho(task)
+    table.add_row("admissible rho", admissible.judged(task.rho))
+    if admissible.left_out:
+        left_out = f"{admissible.left_out} of {admissible.queries} have a contact schedule that no body can keep to"
+        table.add_row("references", left_out)
+    for behaviour in admissible.behaviours:
+        table.add_row(behaviour.name, behaviour.judged(task.rho))
     console.print(table)
 
 
