@@ -33,7 +33,7 @@ from typing import Any, TypeVar, overload
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.registry import NameTaken, Registry, looks_ahead
 from ogmp_sb3.config.robot import SRB, STATE_NAMES
-from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
+from ogmp_sb3.config.weights import InputWeights, PhaseWeights, Positive, StateWeights, TrackingWeights
 from ogmp_sb3.env.observations import Part, Signal
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.metrics import limited, reaches
@@ -72,6 +72,7 @@ __all__ = [
     "InputWeights",
     "NameTaken",
     "Part",
+    "PhaseWeights",
     "Plant",
     "Plateau",
     "Positive",
@@ -81,6 +82,7 @@ __all__ = [
     "Signal",
     "Span",
     "StateWeights",
+    "TrackingWeights",
     "height_at",
     "limited",
     "looks_ahead",

@@ -23,10 +23,9 @@ from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
 from ogmp_sb3.evaluation.evaluate import metric_names
-from ogmp_sb3.guidance.course import standing_still
+from ogmp_sb3.guidance.admissible import admissible_rho
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.report.plots.guidance import plot_references
 from ogmp_sb3.runs.failed_steps import load_step
 from ogmp_sb3.runs.storage import save_json
@@ -75,7 +74,7 @@ HELP = cli.usage(
 
 
 def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
-    """Base heights of every mode in the middle of its ranges, by every oracle the task has parameters for."""
+    """References of every mode in the middle of its ranges, by every oracle the task has parameters for."""
     panels = []
     for name, ranges in task.mode_ranges.items():
         words = [r.words for r in ranges.values() if r.words]
@@ -86,13 +85,13 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
         duration = segment.spans[-1].end if segment.timed else min(duration, LONGEST)
         x0 = start_state(task, segment)
         points = segment_set_points(task, [segment], x0, max(1, round(duration / task.control_dt)))
-        heights = {
-            oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0, :, POS.start + 2]
+        references = {
+            oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0]
             for oracle in sorted({*task.oracle_params, task.oracle})
         }
         numbers = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
         title = f"{name} ({', '.join([*(w[0] for w in words), numbers])})" if ranges else name
-        panels.append((title, points.stance[0], points.state[0, :, POS.start + 2], heights))
+        panels.append((title, points.stance[0], points.state[0], references))
     return panels
 
 
@@ -126,9 +125,13 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     table.add_row("nominal pose", f"held for 1 s: {stance(standing)}")
     table.add_row(f"dropped {DROP:g} m", f"after 1 s: {stance(dropped)}")
     table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
-    verdict = standing_still(task)
-    if verdict:
-        table.add_row("standing still", verdict)
+    admissible = admissible_rho(task)
+    table.add_row("admissible rho", admissible.judged(task.rho))
+    if admissible.left_out:
+        left_out = f"{admissible.left_out} of {admissible.queries} have a contact schedule that no body can keep to"
+        table.add_row("references", left_out)
+    for behaviour in admissible.behaviours:
+        table.add_row(behaviour.name, behaviour.judged(task.rho))
     console.print(table)
 
 

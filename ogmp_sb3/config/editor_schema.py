@@ -96,11 +96,19 @@ def _of(annotation: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schem
         return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
     if annotation is Range:
         return {"anyOf": [*NUMBERS, *_one_or_more({"type": "string"})]}
+    if typing.is_typeddict(annotation):
+        return _of_typed_dict(annotation, named)
     if hasattr(annotation, "from_data"):  # reads itself, whatever it reads
         return {}
     if dataclasses.is_dataclass(annotation):
         return _of_dataclass(annotation, named)  # type: ignore[arg-type]
     return {"type": SCALARS[annotation]} if annotation in SCALARS else {}
+
+
+def _of_typed_dict(kind: Any, named: Mapping[tuple[type[Any], str], Schema]) -> Schema:
+    hints, texts = typing.get_type_hints(kind, include_extras=True), field_texts(kind)
+    properties = {name: _described(_of(hint, named), texts.get(name)) for name, hint in hints.items()}
+    return _described(_mapping(properties, sorted(kind.__required_keys__)), _summary(kind))
 
 
 def _terms(kind: Registry[Any]) -> Schema:

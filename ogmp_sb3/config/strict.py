@@ -1,8 +1,9 @@
 """Strict reading of YAML data into frozen dataclasses: every mistake is one sentence with file and key.
 
 A dataclass's annotations are its schema. Supported: ``bool``, ``int``, ``float``, ``str``, ``X | None``,
-``tuple[X, ...]``, ``tuple[X, Y, Z]``, ``dict[str, X]``, ``Literal``, ``Annotated[X, check]`` with a function
-``check(value, where)`` that raises, nested dataclasses, and any class with a ``from_data(data, where)`` class method.
+``X | D`` with a ``TypedDict`` D that is meant where one of its keys is there, ``tuple[X, ...]``, ``tuple[X, Y, Z]``,
+``dict[str, X]``, ``Literal``, ``Annotated[X, check]`` with a function ``check(value, where)`` that raises, nested
+dataclasses, and any class with a ``from_data(data, where)`` class method.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, TypeVar
 
 from ogmp_sb3.config.messages import Where, describe, did_you_mean
@@ -43,7 +44,7 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
         if data is None and type(None) in arguments:
             return None
         inner = [a for a in arguments if a is not type(None)]
-        fitting = [a for a in inner if type(data) is a] or inner[:1]
+        fitting = [a for a in inner if type(data) is a or _is_meant(a, data)] or inner[:1]
         return _read(fitting[0], data, where)
     if origin is typing.Literal:
         if data not in arguments:
@@ -55,11 +56,20 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
         return {str(k): _read(arguments[1], v, where / k) for k, v in _mapping(data, where).items()}
     if origin is tuple:
         return _read_tuple(arguments, data, where)
+    if typing.is_typeddict(kind):
+        return _read_keys(typing.get_type_hints(kind, include_extras=True), kind.__required_keys__, data, where)
     if hasattr(kind, "from_data"):
         return kind.from_data(data, where)
     if dataclasses.is_dataclass(kind):
         return _read_dataclass(kind, data, where)
     return _read_scalar(kind, data, where)
+
+
+def _is_meant(kind: Any, data: Any) -> bool:
+    """Whether data is for a TypedDict rather than a mapping of scalars: it has one of its keys, or holds mappings."""
+    if not typing.is_typeddict(kind) or not isinstance(data, dict):
+        return False
+    return any(key in data for key in kind.__annotations__) or any(isinstance(v, dict) for v in data.values())
 
 
 def _checked(arguments: tuple[Any, ...], data: Any, where: Where) -> Any:
@@ -81,21 +91,26 @@ def _read_tuple(arguments: tuple[Any, ...], data: Any, where: Where) -> tuple[An
 
 
 def _read_dataclass(kind: Any, data: Any, where: Where) -> Any:
-    data = _mapping(data, where)
-    hints = typing.get_type_hints(kind)
-    fields = {f.name: f for f in dataclasses.fields(kind) if f.init and not f.metadata.get("internal")}
-    for key in data:
-        if key not in fields:
-            raise KeyError(f"{where / key} is not a known key{did_you_mean(key, fields)}")
-    for name, field in fields.items():
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        if required and name not in data:
-            raise KeyError(f"{where / name} is missing: the file must give it.")
-    values = {name: _read(hints[name], data[name], where / name) for name in fields if name in data}
+    hints = typing.get_type_hints(kind, include_extras=True)
+    fields = [f for f in dataclasses.fields(kind) if f.init and not f.metadata.get("internal")]
+    required = {f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING}
+    values = _read_keys({f.name: hints[f.name] for f in fields}, required, data, where)
     try:
         return kind(**values)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
+
+
+def _read_keys(hints: dict[str, Any], required: Collection[str], data: Any, where: Where) -> dict[str, Any]:
+    """The values of a mapping whose keys are known."""
+    data = _mapping(data, where)
+    for key in data:
+        if key not in hints:
+            raise KeyError(f"{where / key} is not a known key{did_you_mean(key, hints)}")
+    for name in hints:
+        if name in required and name not in data:
+            raise KeyError(f"{where / name} is missing: the file must give it.")
+    return {name: _read(hints[name], data[name], where / name) for name in hints if name in data}
 
 
 def _read_scalar(kind: Any, data: Any, where: Where) -> Any:

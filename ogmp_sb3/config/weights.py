@@ -6,8 +6,8 @@ The functions get plain values; :func:`ogmp_sb3.config.strict.read` runs the che
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, field
+from typing import Annotated, TypedDict
 
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
@@ -19,7 +19,7 @@ class Named:
 
     names: tuple[str, ...]
     """those that are allowed"""
-    what: str
+    what: str = field(repr=False)  # the documentation would look for links in it
     """what has these names, for messages"""
     definite: bool = False
     """whether every name needs a weight above 0; else a weight is at least 0, and that of a name left out is 0"""
@@ -53,6 +53,19 @@ def above_zero(value: float, where: Where) -> None:
 
 StateWeights = Annotated[dict[str, float], Named(STATE_NAMES, "state")]
 """Weights of states, at least 0; those that are not named have the weight 0."""
+
+
+class PhaseWeights(TypedDict):
+    """Weights of states for each phase of contact."""
+
+    stance: StateWeights
+    """while the feet are on the ground"""
+    flight: StateWeights
+    """while they are not"""
+
+
+TrackingWeights = StateWeights | PhaseWeights
+"""Weights of states, the same in both phases of contact or for each of them."""
 InputWeights = Annotated[dict[str, float], Named(INPUT_NAMES, "input", definite=True)]
 """Weights of all inputs, above 0."""
 Positive = Annotated[float, above_zero]

@@ -70,7 +70,7 @@ def ground_geoms(model: mujoco.MjModel) -> np.ndarray:
 def foot_geoms(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:
     """Those of its feet; as :func:`ground_geoms`."""
     geoms = ground_geoms(model)
-    return geoms[np.isin(model.geom_bodyid[geoms], list(_feet(model, robot)))]  # type: ignore[no-any-return]
+    return geoms[np.isin(model.geom_bodyid[geoms], list(_feet(model, robot)))]
 
 
 def _ground_sensors(model: mujoco.MjModel) -> list[int]:

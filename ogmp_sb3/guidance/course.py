@@ -152,39 +152,6 @@ class Course:
         self._span_count[row] = count
 
 
-def standing_deviation(task: TaskConfig) -> tuple[float, float] | None:
-    """How far a robot that stands still gets from the reference before the next query: ``v horizon control_dt``.
-
-    A bound that is not below this lets it stand still for ever, which is a local optimum.
-
-    :return: weighted as in the bound, m, at the lowest and the highest speed of the task's modes; None if x has no
-        weight or modes are timed
-    """
-    weight = task.bound.get("x", 0.0)
-    if task.horizon is None or weight == 0.0:
-        return None
-    speeds = [span.velocity[0] for segment in corner_segments(task) for span in segment.spans]
-    duration = task.horizon * task.control_dt
-    return weight * min(speeds) * duration, weight * max(speeds) * duration
-
-
-def standing_still(task: TaskConfig) -> str | None:
-    """A sentence on whether the bound allows a robot to stand still; None where the question does not arise."""
-    deviation = standing_deviation(task)
-    if deviation is None:
-        return None
-    slowest, fastest = deviation
-    low, high = f"{slowest:.2f}", f"{fastest:.2f}"
-    length = f"{low} m" if low == high else f"{low} to {high} m"
-    if task.rho is None or task.rho >= fastest:
-        verdict = "stays inside the bound"
-    elif task.rho >= slowest:
-        verdict = "stays inside the bound in the slowest modes"
-    else:
-        verdict = "leaves the bound"
-    return f"v * horizon * control_dt = {length}, {verdict}"
-
-
 def _steps(task: TaskConfig, segment: Segment) -> int:
     """Control steps of a timed mode."""
     return round(segment.spans[-1].end / task.control_dt)

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, SRB, STATE_NAMES
-from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
+from ogmp_sb3.config.weights import InputWeights, PhaseWeights, Positive, TrackingWeights
 from ogmp_sb3.guidance.riccati import tracking_gains
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
 from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL, srb_axes, srb_dynamics
@@ -65,7 +66,7 @@ def linear(set_points: SetPoints, x0: np.ndarray, plant: Plant) -> Reference:
 
 @oracles.register()
 def lqr(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: TrackingWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track the present set-point with the stationary LQR gain of each contact segment.
 
@@ -76,13 +77,14 @@ def lqr(
     :param set_points: what the modes ask for
     :param x0: state at the query, shape (rows, 12)
     :param plant: what to plan with
-    :param Q: tracking weights by state name
+    :param Q: tracking weights by state name; of weights for each phase of contact, those of stance count
     :param R: input weights of one foot by input name
     :param eps: least weight of a state, and that of those that Q does not name
     """
     index, orientations = _mean_orientations(set_points)
     A, B, d = _models(plant, orientations)
-    K = np.stack([_total_gain(plant, _freeze(Q), _freeze(R), eps, mean_rpy)[0] for mean_rpy in orientations])
+    weights = _freeze(phase_weights(Q)["stance"]), _freeze(R), eps
+    K = np.stack([_total_gain(plant, *weights, mean_rpy)[0] for mean_rpy in orientations])
     hover = np.zeros(6)
     hover[2] = plant.srb.mass * GRAVITY
     state = simulate_lqr(A, B, d, K, hover, index, set_points.stance, set_points.state, x0)
@@ -91,13 +93,15 @@ def lqr(
 
 @oracles.register()
 def preview(
-    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: StateWeights, R: InputWeights, eps: Positive
+    set_points: SetPoints, x0: np.ndarray, plant: Plant, Q: TrackingWeights, R: InputWeights, eps: Positive
 ) -> Reference:
     """Track all coming set-points with the least quadratic cost over the horizon (preview control).
 
     Backward over the horizon from ``P_N = P`` (of ``control.dlqr``) and ``v_N = P r_N``, with ``w = v_{k+1} -
     P_{k+1} d``, in stance ``u_k = -K_k x_k + (R + B^T P_{k+1} B)^-1 B^T w`` and ``v_k = Q r_k + (A - B K_k)^T w``.
     (Anderson and Moore, *Optimal Control: Linear Quadratic Methods*, ch. 4; Katayama et al., Int. J. Control 41, 1985.)
+    ``Q`` of a knot is that of the contact phase of the step that begins there, and ``P`` that of the last step's, so a
+    horizon that ends in flight is judged at its end by what flight is judged by.
     Inside a long stance P and K are the stationary ones. In flight the input is zero and the same recursion runs
     with ``B = 0``, so a stance prepares for the flight after it: the result is the optimum over the whole contact
     schedule, not just within one segment.
@@ -105,13 +109,15 @@ def preview(
     :param set_points: what the modes ask for
     :param x0: state at the query, shape (rows, 12)
     :param plant: what to plan with
-    :param Q: tracking weights by state name
+    :param Q: tracking weights by state name, for both phases of contact or for each
     :param R: input weights of one foot by input name
     :param eps: least weight of a state, and that of those that Q does not name
     """
     index, orientations = _mean_orientations(set_points)
-    _, P = _total_gain(plant, _freeze(Q), _freeze(R), eps, UPRIGHT)
-    weights = state_weights(Q, eps), input_weights(R) / plant.feet, P
+    phases = phase_weights(Q)
+    named = (phases["flight"], phases["stance"])
+    P_end = np.stack([_total_gain(plant, _freeze(each), _freeze(R), eps, UPRIGHT)[1] for each in named])
+    weights = np.stack([state_weights(each, eps) for each in named]), input_weights(R) / plant.feet, P_end
     if len(orientations) == 1:
         dynamics = srb_axes(plant.srb, plant.dt)
         state = simulate_preview_upright(*dynamics, *weights, set_points.stance, set_points.state, set_points.steps, x0)
@@ -119,6 +125,13 @@ def preview(
         A, B, d = _models(plant, orientations)
         state = simulate_preview(A, B, d, *weights, index, set_points.stance, set_points.state, set_points.steps, x0)
     return Reference(state, set_points.steps)
+
+
+def phase_weights(Q: TrackingWeights) -> PhaseWeights:
+    """Weights for each phase of contact; those that are not told apart are the same in both."""
+    if "stance" in Q:
+        return cast(PhaseWeights, Q)
+    return {"stance": Q, "flight": Q}
 
 
 def state_weights(Q: dict[str, float], eps: float) -> np.ndarray:

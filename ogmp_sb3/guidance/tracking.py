@@ -39,9 +39,9 @@ def simulate_lqr(A, B, d, K, hover, index, stance, r, x0):  # type: ignore[no-un
 def simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type: ignore[no-untyped-def]
     """States under the preview control of :func:`~ogmp_sb3.guidance.oracles.preview`, shape (rows, knots + 1, 12).
 
-    :param Q: diagonal of the state weights, shape (12,)
+    :param Q: diagonals of the state weights in flight and in stance, shape (2, 12)
     :param R: diagonal of the weights of the total input, shape (6,)
-    :param P_end: cost of the state behind the last step, shape (12, 12)
+    :param P_end: cost of the state behind a last step in flight and in stance, shape (2, 12, 12)
     :param steps: how many steps of each row are meant, shape (rows,); others are as in :func:`simulate_lqr`
     """
     rows, knots = stance.shape
@@ -50,7 +50,7 @@ def simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type
     feed_forward = np.empty((knots, 6))
     for row in range(rows):
         last = steps[row]
-        P = P_end.copy()
+        P = P_end[int(stance[row, last - 1])].copy()
         v = P @ r[row, last]
         for k in range(last - 1, -1, -1):
             i = index[row, k]
@@ -70,9 +70,10 @@ def simulate_preview(A, B, d, Q, R, P_end, index, stance, r, steps, x0):  # type
                 closed_loop -= B[i] @ K[k]
             v = closed_loop.T @ w
             P = A[i].T @ P @ closed_loop
+            weight = Q[int(stance[row, k])]
             for j in range(12):
-                v[j] += Q[j] * r[row, k, j]
-                P[j, j] += Q[j]
+                v[j] += weight[j] * r[row, k, j]
+                P[j, j] += weight[j]
             P = 0.5 * (P + P.T)
         state[row, 0] = x0[row]
         for k in range(last):
@@ -120,15 +121,16 @@ def simulate_preview_upright(b, d, dt, Q, R, P_end, stance, r, steps, x0):  # ty
 def _upright_gains(p, v, bp, bv, d, dt, Q, R, P_end, stance, r, last, gains):  # type: ignore[no-untyped-def]
     """The Riccati recursion of :func:`~ogmp_sb3.guidance.oracles.preview` for one axis.
 
-    Backward from ``P = P_end`` and ``v = P r_last``. In each step ``w = v - P d`` and ``S = R + b^T P b``, a number;
-    ``K = b^T P A / S`` and ``f = b^T w / S``, both 0 in flight; then ``v = Q r + (A - b K)^T w`` and
-    ``P = Q + A^T P (A - b K)``.
+    Backward from ``P = P_end`` and ``v = P r_last``; ``P_end`` and ``Q`` are those of the phase of the step. In each
+    step ``w = v - P d`` and ``S = R + b^T P b``, a number; ``K = b^T P A / S`` and ``f = b^T w / S``, both 0 in flight;
+    then ``v = Q r + (A - b K)^T w`` and ``P = Q + A^T P (A - b K)``.
 
     :param p: place of the axis's position in the state
     :param v: place of its velocity
     :param gains: to write to, columns ``K`` (2) and ``f``, shape (knots, 3)
     """
-    P11, P12, P22 = P_end[p, p], P_end[p, v], P_end[v, v]
+    end = P_end[int(stance[last - 1])]
+    P11, P12, P22 = end[p, p], end[p, v], end[v, v]
     v1 = P11 * r[last, p] + P12 * r[last, v]
     v2 = P12 * r[last, p] + P22 * r[last, v]
     for k in range(last - 1, -1, -1):
@@ -141,10 +143,11 @@ def _upright_gains(p, v, bp, bv, d, dt, Q, R, P_end, stance, r, last, gains):  #
         gains[k, 0], gains[k, 1], gains[k, 2] = K1, K2, f
         c11, c12 = 1.0 - bp * K1, dt - bp * K2  # A - b K
         c21, c22 = 0.0 - bv * K1, 1.0 - bv * K2
-        v1 = Q[p] * r[k, p] + c11 * w1 + c21 * w2
-        v2 = Q[v] * r[k, v] + c12 * w1 + c22 * w2
+        qp, qv = Q[int(stance[k]), p], Q[int(stance[k]), v]
+        v1 = qp * r[k, p] + c11 * w1 + c21 * w2
+        v2 = qv * r[k, v] + c12 * w1 + c22 * w2
         P11, P12, P22 = (
-            Q[p] + P11 * c11 + P12 * c21,
+            qp + P11 * c11 + P12 * c21,
             P11 * c12 + P12 * c22,
-            Q[v] + (P11 * dt + P12) * c12 + (P12 * dt + P22) * c22,
+            qv + (P11 * dt + P12) * c12 + (P12 * dt + P22) * c22,
         )

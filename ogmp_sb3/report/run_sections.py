@@ -16,7 +16,7 @@ from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
 from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
 from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
-from ogmp_sb3.guidance.course import standing_still
+from ogmp_sb3.guidance.admissible import standing_still
 from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv

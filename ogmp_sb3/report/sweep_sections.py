@@ -14,7 +14,7 @@ from ogmp_sb3.evaluation.copies import copies_in_sets_text
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
-from ogmp_sb3.guidance.course import standing_deviation, standing_still
+from ogmp_sb3.guidance.admissible import standing_deviation, standing_still
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
 from ogmp_sb3.report.panels import Sweep, brief, jobs_along, label_of, mean_curve, shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
@@ -109,7 +109,7 @@ def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
     )
     standing = _standing(sweep, subjects)
     if standing is not None:
-        caption += f" {_range(standing)}: a bound beyond it lets the robot stand still."
+        caption += f" {_range(standing)}: a bound beyond that lets it stand."
     picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
     return Section("Training", "", [picture])
 
@@ -141,7 +141,7 @@ def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: 
         "the greatest of them. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
     )
     if standing is not None:
-        caption += f" Grey: {_range(standing)}; a bound beyond it lets the robot stand still."
+        caption += f" {_range(standing)} (grey): a bound beyond that lets it stand."
     picture = make_picture(
         out, "objectives", caption, rows, lambda path: plot_objectives(rows, sweep.line_key, bounds, standing, path)
     )
@@ -157,7 +157,7 @@ def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:
 
 def _range(standing: tuple[float, float]) -> str:
     low, high = standing
-    return f"v · horizon · control_dt = {low:.2f} to {high:.2f} m for the slowest and the fastest mode"
+    return f"A robot that stands still deviates by {low:.2f} to {high:.2f}, from the easiest to the hardest mode"
 
 
 def highest_return(task: TaskConfig) -> float | None:

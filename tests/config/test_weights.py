@@ -14,12 +14,20 @@ from ogmp_sb3.config.editor_schema import task_schema
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights
+from ogmp_sb3.config.weights import InputWeights, Positive, StateWeights, TrackingWeights
 
 EVERY_INPUT = dict.fromkeys(INPUT_NAMES, 1)
 
 
-def track(set_points, x0, plant, states: StateWeights, inputs: InputWeights, delay: Positive = 0.1): ...
+def track(
+    set_points,
+    x0,
+    plant,
+    states: StateWeights,
+    inputs: InputWeights,
+    delay: Positive = 0.1,
+    phases: TrackingWeights | None = None,
+): ...
 
 
 @pytest.fixture
@@ -35,9 +43,32 @@ def test_checked_values_are_plain(oracle: None, tmp_path: Path) -> None:
     assert {type(value) for value in task.oracle_params["track"].values()} == {dict, float}
 
 
+def test_weights_are_the_same_in_both_phases_of_contact_or_given_for_each(oracle: None, tmp_path: Path) -> None:
+    def read_phases(data: dict[str, Any]) -> Any:
+        parameters = {"states": {}, "inputs": EVERY_INPUT, "phases": data}
+        return load_task(write(tmp_path, put(SHIPPED["parkour"], "oracle_params.track", parameters))).oracle_params
+
+    assert read_phases({"z": 3})["track"]["phases"] == {"z": 3.0}
+    found = read_phases({"stance": {"z": 3}, "flight": {}})["track"]["phases"]
+    assert found == {"stance": {"z": 3.0}, "flight": {}}
+    assert type(found["stance"]["z"]) is float
+
+
+def test_one_weight_of_one_phase_is_changed_from_the_command_line() -> None:
+    Q = load_task("dive", ["oracle_params.preview.Q.flight.vz=7"]).oracle_params["preview"]["Q"]
+    assert (Q["flight"]["vz"], Q["stance"]["vz"]) == (7.0, 1000.0)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "kind", "message"),
     [
+        ("phases", {"stance": {}}, KeyError, "track.phases.flight' is missing"),
+        ("phases", {"stance": {}, "fligt": {}}, KeyError, "stance). Did you mean 'flight'?"),
+        ("phases", {"stance": {}, "flight": {}, "z": 1}, KeyError, "phases.z' is not a known key (allowed: flight, "),
+        ("phases", {"stance": {}, "flight": {"zz": 1}}, KeyError, "phases.flight' has 'zz'"),
+        ("phases", {"stance": {"z": -1}, "flight": {}}, ValueError, "phases.stance.z' must be at least 0, found -1."),
+        ("phases", {"stance": 1, "flight": {}}, TypeError, "phases.stance' must be a mapping"),
+        ("phases", {"stanc": {"z": 1}}, KeyError, "phases.stanc' is not a known key"),
         ("states", {"rol": 1}, KeyError, "track.states' has 'rol' (allowed: "),
         ("states", {"x": -1}, ValueError, "track.states.x' must be at least 0, found -1."),
         ("states", 3, TypeError, "track.states' must be a mapping"),
@@ -66,3 +97,6 @@ def test_an_editor_knows_the_names_of_weights(oracle: None) -> None:
     assert list(parameters["states"]["properties"]) == list(STATE_NAMES)
     assert list(parameters["inputs"]["properties"]) == list(INPUT_NAMES)
     assert parameters["delay"]["type"] == "number"
+    same, each, _ = parameters["phases"]["anyOf"]
+    assert list(same["properties"]) == list(each["properties"]["flight"]["properties"]) == list(STATE_NAMES)
+    assert each["required"] == ["flight", "stance"]

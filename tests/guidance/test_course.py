@@ -7,52 +7,10 @@ import pytest
 
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.guidance.course import REACH, Course, extent, standing_deviation, standing_still
+from ogmp_sb3.guidance.course import REACH, Course, extent
 from ogmp_sb3.guidance.sampling import ModeCall
 
 STEADY = {"modes": {"pace": {"v": 0.8, "length": 1.0}, "jump": None, "leap": None}, "curriculum": None}
-
-
-def test_a_robot_that_stands_still_deviates_by_speed_times_horizon() -> None:
-    assert standing_deviation(load_task("parkour", STEADY)) == pytest.approx((0.72, 0.72))
-    assert standing_deviation(load_task("parkour")) == pytest.approx((0.54, 1.62))  # pace from 0.6 to 1.8 m/s
-    assert standing_deviation(load_task("parkour", {**STEADY, "bound.x": 0.5})) == pytest.approx((0.36, 0.36))
-
-
-def test_standing_still_is_no_question_for_timed_modes_or_a_bound_on_other_states() -> None:
-    assert standing_deviation(load_task("dive")) is None
-    assert standing_deviation(load_task("parkour", {"bound": {"x": 0.0, "z": 1.0}})) is None
-
-
-@pytest.mark.parametrize(
-    ("rho", "verdict"),
-    [
-        (0.5, "leaves the bound"),
-        (0.54, "stays inside the bound in the slowest modes"),
-        (0.8, "stays inside the bound in the slowest modes"),
-        (1.62, "stays inside the bound"),
-        (None, "stays inside the bound"),
-    ],
-)
-def test_standing_still_is_judged_by_the_slowest_and_the_fastest_mode(rho: float | None, verdict: str) -> None:
-    sentence = standing_still(load_task("parkour", {"rho": rho}))
-    assert sentence == f"v * horizon * control_dt = 0.54 to 1.62 m, {verdict}"
-
-
-def test_standing_still_is_not_judged_where_x_is_free() -> None:
-    assert standing_still(load_task("dive")) is None
-
-
-def test_the_reference_of_a_real_query_ends_that_far_ahead() -> None:
-    task = load_task("parkour", {**STEADY, "oracle": "linear"})
-    env = BatchEnv(task, seed=3)
-    start = env.sim.qpos[0, env.sim.base_qpos]
-    env.reset()
-    for _ in range(task.horizon):
-        x = env.step(np.zeros((1, env.action_size)), np.array([], dtype=int)).view.reference[0, 3]  # physics at rest
-    low, high = standing_deviation(task)
-    assert low - 0.05 < x - start < high + 0.05
 
 
 def camera(view, far: float): ...

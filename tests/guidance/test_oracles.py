@@ -23,6 +23,7 @@ from helpers.queries import (
     tracking_cost,
 )
 from ogmp_sb3.config.robot import STATE_NAMES
+from ogmp_sb3.config.weights import PhaseWeights
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import SetPoints, set_points
 from ogmp_sb3.guidance.srb import GRAVITY, OMEGA, POS, RPY, STATE_SIZE, VEL
@@ -200,6 +201,53 @@ def test_preview_is_the_least_squares_optimum_across_stance_and_flight(mode, see
     q = random_query(mode, seed)
     assert 0 < q.points.stance.sum() < q.points.stance.size
     np.testing.assert_allclose(q.ask("preview").state[0], least_squares(q), rtol=0, atol=1e-7)
+
+
+PHASES = PhaseWeights(
+    stance={"z": 8000.0, "y": 2.0, "vx": 20.0, "wx": 50.0, "wy": 70.0, "roll": 5.0},
+    flight={"z": 30.0, "vz": 900.0, "vx": 3.0, "wy": 4.0, "wz": 6.0, "pitch": 40.0},
+)
+
+
+@pytest.mark.parametrize(("mode", "seed"), CASES)
+@pytest.mark.parametrize("steps", [None, [9], [13]])
+def test_preview_with_weights_of_its_own_in_flight_is_the_least_squares_optimum(mode, seed, steps):
+    """Horizons that end in stance and in flight: each ends with the terminal cost of its own phase."""
+    q = replace(random_query(mode, seed, steps=steps), Q=PHASES)
+    found = q.ask("preview").state[0]
+    np.testing.assert_allclose(found, least_squares(q), rtol=0, atol=1e-7)
+    for one in (PHASES["stance"], PHASES["flight"]):
+        if not q.points.stance.all() or one is PHASES["flight"]:
+            assert np.abs(found - replace(q, Q=one).ask("preview").state[0]).max() > 1e-4
+
+
+@pytest.mark.parametrize("oracle", ["lqr", "preview"])
+@pytest.mark.parametrize(("mode", "seed"), CASES)
+def test_one_mapping_of_weights_means_both_phases_to_the_bit(oracle, mode, seed):
+    q, one = random_query(mode, seed), PHASES["stance"]
+    for_each = replace(q, Q=PhaseWeights(stance=one, flight=one)).ask(oracle).state
+    np.testing.assert_array_equal(replace(q, Q=one).ask(oracle).state, for_each)
+
+
+@pytest.mark.parametrize(("mode", "seed"), CASES)
+def test_lqr_weighs_as_in_stance(mode, seed):
+    q = random_query(mode, seed)
+    np.testing.assert_array_equal(
+        replace(q, Q=PHASES).ask("lqr").state, replace(q, Q=PHASES["stance"]).ask("lqr").state
+    )
+
+
+@pytest.mark.parametrize("h", [1.0, 1.375, 1.75, 2.0, 2.5])
+@pytest.mark.parametrize("r", ["front", "back", "left", "right"])
+def test_preview_does_not_sink_before_it_dives(r, h):
+    """Were the height tracked in flight too, which no input changes, it would lift off as low as 0.28 m."""
+    start = np.eye(STATE_SIZE)[[Z]] * (h + 0.5)
+    q = query("dive", [(ModeCall("flip", {"r": r, "h": h}),)], start)
+    standing = np.flatnonzero(q.points.stance[0])
+    height = q.ask("preview").state[0, : standing[-1] + 2, Z] - h
+    np.testing.assert_allclose(height, 0.5, atol=0.005)
+    sunk = replace(q, Q=q.params("stance")["Q"]).ask("preview").state[0, standing[-1] + 1, Z] - h
+    assert sunk < 0.44
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -10,7 +10,8 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.registry import oracles
 from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.guidance.oracles import ORIENTATION_STEP, Plant
+from ogmp_sb3.config.weights import TrackingWeights
+from ogmp_sb3.guidance.oracles import ORIENTATION_STEP, Plant, phase_weights
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.guidance.set_points import END, Reference, SetPoints, set_points, span_array, span_row
 from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE, SRBDynamics, srb_dynamics
@@ -25,22 +26,26 @@ FLAT = ModeCall("pace", {"v": 0.8, "length": 5.0})
 
 @dataclass(frozen=True)
 class Query:
-    """Set-points of one task and the state they are asked from."""
+    """Set-points of one task and the state they are asked from; ``Q`` in place of the task's weights."""
 
     task: str
     points: SetPoints
     x0: np.ndarray
+    Q: TrackingWeights | None = None
 
     def plant(self) -> Plant:
         config = TASKS[self.task, "linear"]
         return Plant(config.robot_config.srb, config.control_dt)
 
-    def params(self) -> dict:
-        return TASKS[self.task, "preview"].oracle_params["preview"]
+    def params(self, phase: str = "stance") -> dict:
+        """The parameters of ``preview`` and ``lqr`` in one phase of contact."""
+        given = TASKS[self.task, "preview"].oracle_params["preview"]
+        return {**given, "Q": phase_weights(self.Q or given["Q"])[phase]}
 
     def ask(self, oracle: str) -> Reference:
         config: TaskConfig = TASKS[self.task, oracle]
-        return oracles.get(oracle)(self.points, self.x0, self.plant(), **config.oracle_params[oracle])
+        own = {} if self.Q is None else {"Q": self.Q}
+        return oracles.get(oracle)(self.points, self.x0, self.plant(), **{**config.oracle_params[oracle], **own})
 
 
 def laid(*calls: ModeCall) -> np.ndarray:
@@ -88,7 +93,7 @@ def sequence(mode: str, rng: np.random.Generator) -> tuple[ModeCall, ...]:
 MODES = {"pace": "parkour", "jump": "parkour", "leap": "parkour", "flip": "dive", "settle": "dive"}
 
 
-def random_query(mode: str, seed: int, rows: int = 1) -> Query:
+def random_query(mode: str, seed: int, rows: int = 1, steps: list[int] | None = None) -> Query:
     """A mode with random parameters from random states: every component differs from 0."""
     rng = np.random.default_rng(seed)
     sequences = [sequence(mode, rng) for _ in range(rows)]
@@ -96,7 +101,7 @@ def random_query(mode: str, seed: int, rows: int = 1) -> Query:
     for row, calls in enumerate(sequences):
         x0[row, X] = rng.uniform(-0.2, 0.4)
         x0[row, Z] += 0.5 + calls[0].segment().start_height
-    return query(MODES[mode], sequences, x0)
+    return query(MODES[mode], sequences, x0, steps)
 
 
 CASES = [pytest.param(mode, seed, id=f"{mode}-{seed}") for mode in MODES for seed in range(3)]
@@ -113,9 +118,9 @@ def models(q: Query, row: int = 0) -> list[SRBDynamics]:
     return [made[span] for span in points.span[row, :steps]]
 
 
-def weights(q: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def weights(q: Query, phase: str = "stance") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Q, R of all 12 inputs, and the terminal cost: the Riccati solution of the upright body."""
-    plant, params = q.plant(), q.params()
+    plant, params = q.plant(), q.params(phase)
     Q = np.diag([max(params["Q"].get(name, 0.0), params["eps"]) for name in STATE_NAMES])
     foot = [params["R"][name] for name in INPUT_NAMES]
     R = np.diag(foot[:3] * 2 + foot[3:] * 2)
@@ -124,13 +129,20 @@ def weights(q: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return Q, R, P
 
 
+def knot_weights(q: Query, row: int = 0) -> list[np.ndarray]:
+    """The weights of every knot, those of the step that begins there; at the end, the last step's terminal cost."""
+    phases = {True: weights(q, "stance"), False: weights(q, "flight")}
+    stance = [bool(each) for each in q.points.stance[row, : q.points.steps[row]]]
+    return [*(phases[each][0] for each in stance), phases[stance[-1]][2]]
+
+
 def least_squares(q: Query, row: int = 0) -> np.ndarray:
     """The trajectory of least tracking cost over all 12 inputs of every stance step, shape (steps + 1, 12).
 
     Every state is written as a linear map of all inputs; square roots of the weights make the cost one sum of
     squares.
     """
-    Q, R, P = weights(q)
+    _, R, _ = weights(q)
     steps, r, x0 = q.points.steps[row], q.points.state[row], q.x0[row]
     stances = np.flatnonzero(q.points.stance[row, :steps])
     maps, offset, states = np.zeros((STATE_SIZE, 12 * len(stances))), x0, []
@@ -140,7 +152,8 @@ def least_squares(q: Query, row: int = 0) -> np.ndarray:
             column = 12 * int(np.searchsorted(stances, k))
             maps[:, column : column + 12] += model.B
         states.append((maps.copy(), offset))
-    roots = [np.sqrt(Q)] * (steps - 1) + [np.linalg.cholesky(P).T]
+    *running, P = knot_weights(q, row)[1:]
+    roots = [np.sqrt(Q) for Q in running] + [np.linalg.cholesky(P).T]
     left = [root @ m for root, (m, _) in zip(roots, states, strict=True)]
     right = [root @ (r[k + 1] - o) for k, (root, (_, o)) in enumerate(zip(roots, states, strict=True))]
     left.append(np.kron(np.eye(len(stances)), np.sqrt(R)))
@@ -162,9 +175,9 @@ def best_inputs(q: Query, state: np.ndarray, row: int = 0) -> tuple[np.ndarray, 
 
 def tracking_cost(q: Query, state: np.ndarray, row: int = 0) -> float:
     """What a trajectory pays: for its errors, its inputs and its end."""
-    Q, R, P = weights(q)
+    _, R, _ = weights(q)
     steps = q.points.steps[row]
     u, _ = best_inputs(q, state, row)
     e = state[: steps + 1] - q.points.state[row, : steps + 1]
-    running = np.einsum("ki,ij,kj", e[:-1], Q, e[:-1]) + np.einsum("ki,ij,kj", u, R, u)
-    return float(running + e[-1] @ P @ e[-1])
+    errors = sum(error @ Q @ error for error, Q in zip(e, knot_weights(q, row), strict=True))
+    return float(errors + np.einsum("ki,ij,kj", u, R, u))

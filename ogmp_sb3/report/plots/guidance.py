@@ -8,32 +8,50 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.srb import OMEGA, POS, RPY
 from ogmp_sb3.report.plots.style import COLOURS, in_style, panel_grid, save
+
+LEAST_RANGE = 0.1  # m, rad or rad/s: of an axis, so that what hardly moves looks at rest
 
 
 @in_style
 def plot_references(
     panels: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]], dt: float, path: Path
 ) -> None:
-    """Base height over time by every oracle, one panel for each mode (paper, fig:orac_trajs).
+    """References over time by every oracle, one panel for each mode (paper, fig:orac_trajs).
 
-    :param panels: title, stance (steps,), set-point height (steps + 1,), and oracle -> height (steps + 1,), m
+    Shown is the height of the base, and of a mode that turns it the angle and the rate about its axis as well.
+
+    :param panels: title, stance (steps,), set-points (steps + 1, 12), and oracle -> reference (steps + 1, 12)
     :param dt: distance of knots, s
     :param path: picture to write
     """
-    figure, grid = panel_grid(len(panels), 3, 4.5, 3.2)
-    for axes, (title, stance, set_point, heights) in zip(grid, panels, strict=True):
-        time = dt * np.arange(len(set_point))
+    shown = [(panel, label, state) for panel in panels for label, state in _shown(panel[2])]
+    figure, grid = panel_grid(len(shown), 3, 4.5, 3.2)
+    for axes, ((title, stance, set_points, references), label, state) in zip(grid, shown, strict=True):
+        time = dt * np.arange(len(set_points))
         for k in np.flatnonzero(stance):
             axes.axvspan(time[k], time[k + 1], color="0.92", linewidth=0)
-        axes.plot(time, set_point, color="0.4", linestyle=":", label="set-points")
-        for oracle, height in heights.items():
-            axes.plot(time, height, label=oracle, color=COLOURS.get(oracle))
-        axes.set(title=title, xlabel="time (s)", ylabel="base height (m)")
+        axes.plot(time, set_points[:, state], color="0.4", linestyle=":", label="set-points")
+        for oracle, reference in references.items():
+            axes.plot(time, reference[:, state], label=oracle, color=COLOURS.get(oracle))
+        low, high = axes.get_ylim()
+        short = max(LEAST_RANGE - (high - low), 0.0)
+        axes.set(title=title, xlabel="time (s)", ylabel=label, ylim=(low - 0.5 * short, high + 0.5 * short))
     grid[0].legend(fontsize="small")
     figure.suptitle("References by mode (grey: stance)")
     save(figure, path)
+
+
+def _shown(set_points: np.ndarray) -> list[tuple[str, int]]:
+    """Labels and places of the states that a mode's picture shows."""
+    shown = [("base height (m)", POS.start + 2)]
+    for axis in map(int, np.flatnonzero(set_points[:, OMEGA].any(axis=0))):
+        name = STATE_NAMES[axis]
+        shown += [(f"{name} (rad)", RPY.start + axis), (f"{name} rate (rad/s)", OMEGA.start + axis)]
+    return shown
 
 
 @in_style

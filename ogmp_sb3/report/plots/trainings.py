@@ -110,7 +110,7 @@ def plot_objectives(
     :param rows: ``objective``, ``line``, ``value``, ``mean``, ``low``, ``high``
     :param key: what ``value`` is of
     :param bounds: objective -> what it can reach at most, or None
-    :param standing: values of the key above which a robot may stand still, in the slowest and the fastest mode, or None
+    :param standing: values of the key above which a robot may stand still, in the easiest and the hardest mode, or None
     :param path: picture to write
     """
     places = _places(list(dict.fromkeys(row["value"] for row in rows)))
@@ -146,7 +146,7 @@ def _mark_standing(axes: Axes, ends: np.ndarray) -> None:
     """Mark where a robot that stands still begins to stay inside the bound, for the slowest to the fastest mode."""
     low, high = ends
     axes.axvspan(low, high, color="0.93", linewidth=0, zorder=0)
-    axes.axvline(low, color="0.5", linestyle=":", label="v · horizon · control_dt")
+    axes.axvline(low, color="0.5", linestyle=":", label="standing still")
     axes.axvline(high, color="0.5", linestyle=":")
 
 

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from helpers.figures import drawn_figures
+from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.guidance.sampling import ModeCall
 from ogmp_sb3.report.plots import guidance
 
@@ -18,15 +19,34 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return drawn_figures(monkeypatch, guidance)
 
 
+def states(**columns: list[float]) -> np.ndarray:
+    """States of which some components differ from 0."""
+    rows = len(next(iter(columns.values())))
+    return np.stack([np.array(columns.get(name, [0.0] * rows)) for name in STATE_NAMES], axis=1)
+
+
 def test_references_are_heights_over_time_with_the_set_points(figures: list[Figure]) -> None:
-    heights = {"lqr": np.array([0.5, 0.6, 0.7]), "mine": np.array([0.5, 0.4, 0.3])}
-    panel = ("jump", np.array([True, False]), np.array([0.5, 0.5, 0.8]), heights)
+    references = {"lqr": states(z=[0.5, 0.6, 0.7]), "mine": states(z=[0.5, 0.4, 0.3])}
+    panel = ("jump", np.array([True, False]), states(z=[0.5, 0.5, 0.8]), references)
     guidance.plot_references([panel], 0.03, Path("unused"))
     (axes,) = figures[0].axes
     lines = {line.get_label(): line for line in axes.lines}
     assert list(lines) == ["set-points", "lqr", "mine"]
     np.testing.assert_allclose(lines["lqr"].get_xydata(), [[0.0, 0.5], [0.03, 0.6], [0.06, 0.7]])
     assert len(axes.patches) == 1  # one step in stance
+
+
+def test_a_mode_that_turns_the_base_is_shown_with_angle_and_rate(figures: list[Figure]) -> None:
+    turning, standing = states(z=[1.0, 0.5], pitch=[0.0, 3.0], wy=[9.0, 8.0]), states(z=[0.5, 0.5])
+    panels = [(name, np.array([True]), each, {"lqr": each}) for name, each in (("flip", turning), ("settle", standing))]
+    guidance.plot_references(panels, 0.03, Path("unused"))
+    shown = [(axes.get_title(), axes.get_ylabel()) for axes in figures[0].axes if axes.get_title()]
+    height = "base height (m)"
+    assert shown == [("flip", height), ("flip", "pitch (rad)"), ("flip", "pitch rate (rad/s)"), ("settle", height)]
+    low, high = figures[0].axes[3].get_ylim()
+    assert (low, high) == pytest.approx((0.45, 0.55), abs=0.03)  # at rest, and looks it
+    drawn = [figures[0].axes[place].lines[1].get_ydata().tolist() for place in (1, 2)]
+    assert drawn == [[0.0, 3.0], [9.0, 8.0]]
 
 
 def test_latents_have_a_panel_for_all_modes_and_one_for_each_parameter_that_varies(figures: list[Figure]) -> None:
