@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.own_queries import own_queries
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
+from ogmp_sb3.guidance.encoder_training import LatentQuality
 
 PRINTED_WIDTH = 100  # characters
 
@@ -37,6 +39,8 @@ class Evaluation:
     """median displacement along the track, m"""
     terminations: dict[str, int]
     """how many episodes each rule ended"""
+    latent: LatentQuality | None = None
+    """how much the latent keeps of what the policy asked the oracle for; None if it is not observed"""
     title: str = field(default="", compare=False)
     """heading of the first table"""
 
@@ -47,6 +51,7 @@ class Evaluation:
             "groups": {group: estimates_as_data(metrics) for group, metrics in self.groups.items()},
             "median_distance_m": self.median_distance_m,
             "terminations": self.terminations,
+            **({} if self.latent is None else {"latent": asdict(self.latent)}),
         }
 
     @classmethod
@@ -58,15 +63,18 @@ class Evaluation:
         """
         groups = {group: estimates_from_data(metrics) for group, metrics in data["groups"].items()}
         metrics = estimates_from_data(data["metrics"])
-        return cls(metrics, groups, data["median_distance_m"], data["terminations"], title)
+        latent = LatentQuality(**data["latent"]) if "latent" in data else None
+        return cls(metrics, groups, data["median_distance_m"], data["terminations"], latent, title)
 
     def __rich__(self) -> Group:
         """The tables, as Rich prints them."""
         ended = ", ".join(f"{cause} {count}" for cause, count in self.terminations.items())
+        latent = self.latent
         return Group(
             _table(self.title, self.metrics),
             *(_table(group, metrics) for group, metrics in self.groups.items()),
             Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m."),
+            *([Text(f"Mode latent, {latent.references:,} references of the policy:\n{latent}.")] if latent else []),
         )
 
     def __str__(self) -> str:
@@ -120,6 +128,7 @@ def measure(task: TaskConfig, records: list[EpisodeRecord]) -> Evaluation:
         groups=estimates_by_word(task, records),
         median_distance_m=float(np.median([registry.metrics.get("distance_m")(record) for record in records])),
         terminations={cause: causes.count(cause) for cause in sorted(set(causes))},
+        latent=own_queries(task, records),
         title=heading(task.name, len(records), task.physics_dt),
     )
 

@@ -14,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.encoder_warning import encoder_warning, warn_once
 from ogmp_sb3.commands.train.command_line import TASK_KEYS, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import given_bare
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
@@ -55,6 +56,9 @@ def _hydra_main(cfg: DictConfig) -> float:
         task, task_data = _task_of(plain, overrides)
         values = {k: v for k, v in plain.items() if k not in ("task", *TASK_KEYS)}
         config = read(TrainConfig, values, Where(PROGRAM))
+        warning = encoder_warning(task, task_data, task_file(HydraConfig.get().runtime.choices["task"]))
+        if warning:
+            warn_once(warning)
         job = Job(task=task, task_data=task_data, config=config, run_dir=run_dir, overrides=tuple(overrides))
         return begin_or_go_on(job)
     except OmegaConfBaseException as error:  # e.g. of ${...}, which is resolved when it is read
