@@ -22,7 +22,7 @@ from ogmp_sb3.runs.logs import TensorBoardWriter
 from ogmp_sb3.runs.settings import versions
 
 PROGRAM = "ogmp-encode"
-HELD_OUT = 2000  # references of courses that are kept from training
+HELD_OUT = 2000  # references of courses that are kept from training; not more than it gets
 LOG_EVERY = 100  # updates between two points in TensorBoard
 
 
@@ -69,7 +69,8 @@ def _run(arguments: list[str]) -> None:
 
     first, second = np.random.SeedSequence(config.seed).spawn(2)
     data = reference_data(task, config.references, first)
-    held_out = reference_data(replace(task, curriculum=None), HELD_OUT, second)  # what a trained policy asks
+    number = min(HELD_OUT, config.references)
+    held_out = reference_data(replace(task, curriculum=None), number, second)  # what a trained policy asks for
     with closing(TensorBoardWriter(out)) as writer, progress_bar(config.updates, "update") as bar:
 
         def report(update: int, loss: float) -> None:
@@ -86,7 +87,7 @@ def _run(arguments: list[str]) -> None:
     latents = load_encoder(str(out))(held_out.state, held_out.steps)
     plot_latents(latents, held_out.calls, out / "latents.png")
     console = cli.console()
-    console.print(f"On {HELD_OUT:,} references of courses that were held out, {quality}.")
+    console.print(f"On {number:,} references of courses that were held out, {quality}.")
     console.print(f"{out}: spread of the latents {np.ptp(latents, axis=0).round(2)}, picture in latents.png")
 
 

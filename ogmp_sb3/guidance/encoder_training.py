@@ -86,7 +86,7 @@ def fit(
             optimiser.zero_grad()
             decoded = model.decode(model.encode(x[rows], steps[rows]), x.shape[1])
             loss = ((decoded - x[rows]) ** 2)[valid[rows]].mean()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             th.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
             optimiser.step()
             schedule.step()
@@ -147,12 +147,13 @@ def save_encoder(model: AutoEncoder, folder: Path, info: dict[str, Any]) -> None
 def load_auto_encoder(name_or_path: str) -> AutoEncoder | None:
     """The whole auto-encoder of an encoder that :func:`~ogmp_sb3.guidance.latent.load_encoder` loads.
 
-    :return: None if there is no decoder in its file
+    :return: None if its file holds no decoder, or one of another form
     """
     tensors = load_file(encoder_dir(name_or_path) / "encoder.safetensors")
-    if "head.weight" not in tensors:
-        return None
     mean, std = tensors["mean"].numpy(), tensors["std"].numpy()
     model = AutoEncoder(mean, std, tensors["encoder_out.weight_hh_l0"].shape[1])
-    model.load_state_dict(tensors)
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError:
+        return None
     return model
