@@ -10,15 +10,17 @@ from rich.console import Console
 from rich.table import Table
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.encoder_warning import encoder_warning
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.catalogue import is_file
+from ogmp_sb3.config.catalogue import find, is_file, shown_path
 from ogmp_sb3.config.editor_schema import task_schema
-from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.plugins import load_plugins
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.variation import PushConfig
+from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
@@ -201,7 +203,14 @@ def _run(arguments: list[str]) -> None:
     if config.unstable:
         _replay(Path(config.unstable), console)
     for name in filter(None, (config.task, *names[1:])):
-        _check(load_task(name, overrides), config.out, console)
+        path = find("task", name)
+        data = apply_overrides(read_yaml(path), overrides, shown_path(path))
+        task = task_from_data(data, path)
+        _check(task, config.out, console)
+        warning = encoder_warning(task, data, path)
+        if warning:
+            console.print(f"Warning: {warning}")
+        console.print(f"{task.file} is right.")
 
 
 def _check(task: TaskConfig, out: str | None, console: Console) -> None:
@@ -222,7 +231,6 @@ def _check(task: TaskConfig, out: str | None, console: Console) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         plot_references(reference_panels(task), task.control_dt, path)
         console.print(str(path))
-    console.print(f"{task.file} is right.")
 
 
 def _replay(file: Path, console: Console) -> None:

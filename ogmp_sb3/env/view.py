@@ -46,7 +46,7 @@ class EnvView:
     deviation: np.ndarray
     """weighted distance to the reference, shape (num_envs,)"""
     latent: np.ndarray
-    """mode latent of the reference, shape (num_envs, 2); 0 where the task names no encoder"""
+    """mode latent of the reference, shape (num_envs, latent size); 0 where it is not observed"""
     phase: np.ndarray
     """control steps since the oracle was asked, shape (num_envs,), int"""
     period: np.ndarray

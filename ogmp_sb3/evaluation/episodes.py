@@ -13,6 +13,7 @@ from ogmp_sb3.env.endings import UNSTABLE
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.record import EpisodeRecord
+from ogmp_sb3.guidance.reference_data import Query
 from ogmp_sb3.guidance.srb import POS, VEL
 
 MAX_DISTANCE = "max_distance"
@@ -56,10 +57,12 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
     ended = np.full(env.num_envs, "", dtype=object)
     length = np.zeros(env.num_envs, dtype=int)
     actor = Actor(policy, env.num_envs, env.observation_size)
+    queries: list[list[Query]] = [[] for _ in range(env.num_envs)]
     while True:
         alive = np.flatnonzero(ended == "")
         if not len(alive):
             break
+        _note_queries(env, alive, queries)
         result = env.step(actor.act(observation), alive)
         observation = result.observation
         steps.append(_snapshot(env, result.view, result.reward))
@@ -82,9 +85,18 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
             leg_length=env.task.robot_config.leg_length,
             track_length=env.task.track.length,
             modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
+            queries=tuple(queries[row]),
         )
         for row in range(env.num_envs)
     ]
+
+
+def _note_queries(env: BatchEnv, rows: np.ndarray, queries: list[list[Query]]) -> None:
+    """Keep what the oracle has just been asked for in some environments."""
+    if env.task.uses_latent:
+        for row in rows[env.guide.plans.phase[rows] == 0]:
+            x = float(env.sim.qpos[row, env.sim.base_qpos])
+            queries[row].append((env.plan(row), env.guide.mode_at(row, x)))
 
 
 def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:

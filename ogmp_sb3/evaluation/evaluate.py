@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,12 @@ from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
+from ogmp_sb3.evaluation.own_queries import own_queries
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.speed import SpeedRow, speed_rows
 from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
 from ogmp_sb3.guidance.course import extent
+from ogmp_sb3.guidance.encoder_training import LatentQuality
 
 PRINTED_WIDTH = 100  # characters
 ON_TRACKS = "speed_error_mps"  # a metric of every evaluation of modes along a track, and of no other
@@ -49,6 +51,8 @@ class Evaluation:
     """how well commanded speeds are followed; none for timed modes, and in evaluations of earlier versions"""
     copies: int = 0
     """how many more episodes were played that are copies of others"""
+    latent: LatentQuality | None = None
+    """how much the latent keeps of what the policy asked the oracle for; None if it is not observed"""
 
     @property
     def episodes(self) -> int:
@@ -65,6 +69,7 @@ class Evaluation:
             "episodes": self.episodes,
             "copies": self.copies,
             "speeds": [row.as_data() for row in self.speeds],
+            **({} if self.latent is None else {"latent": asdict(self.latent)}),
         }
 
     @classmethod
@@ -76,20 +81,27 @@ class Evaluation:
         """
         groups = {group: estimates_from_data(metrics) for group, metrics in data["groups"].items()}
         metrics = estimates_from_data(data["metrics"])
-        speeds = tuple(map(SpeedRow.from_data, data.get("speeds", [])))
         return cls(
-            metrics, groups, data["median_distance_m"], data["terminations"], title, speeds, data.get("copies", 0)
+            metrics,
+            groups,
+            data["median_distance_m"],
+            data["terminations"],
+            title=title,
+            speeds=tuple(map(SpeedRow.from_data, data.get("speeds", []))),
+            copies=data.get("copies", 0),
+            latent=LatentQuality(**data["latent"]) if "latent" in data else None,
         )
 
     def __rich__(self) -> Group:
         """The tables, as Rich prints them."""
         ended = ", ".join(f"{cause} {count}" for cause, count in self.terminations.items())
-        copies = copies_text(self.copies, self.episodes)
+        copies, latent = copies_text(self.copies, self.episodes), self.latent
         return Group(
             _table(self.title, self.metrics),
             *(_table(group, metrics) for group, metrics in self.groups.items()),
             *([_speed_table(self.speeds)] if self.speeds else []),
             Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m. {copies}".rstrip()),
+            *([Text(f"Mode latent, {latent.references:,} references of the policy:\n{latent}.")] if latent else []),
         )
 
     def __str__(self) -> str:
@@ -160,6 +172,7 @@ def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:
         title=heading(task.name, len(played), task.physics_dt),
         speeds=tuple(speed_rows(records)),
         copies=len(played) - len(records),
+        latent=own_queries(task, records),
     )
 
 

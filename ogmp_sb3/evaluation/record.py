@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ogmp_sb3.guidance.reference_data import Query
 from ogmp_sb3.guidance.sampling import ModeCall
 
 
@@ -48,6 +49,8 @@ class EpisodeRecord:
     """m; flat ground follows. None: endless"""
     modes: tuple[dict[str, float | str], ...]
     """parameters of the modes in order, with the mode's name under ``mode``"""
+    queries: tuple[Query, ...] = ()
+    """what the oracle was asked for in order, if the latent is observed"""
 
     @property
     def steps(self) -> int:

@@ -1,4 +1,4 @@
-"""The LSTM auto-encoder of references: its data, its model and its training (paper, sec. III-C)."""
+"""The LSTM auto-encoder of references: its model, its training and how much it keeps (paper, sec. III-C)."""
 
 from __future__ import annotations
 
@@ -10,112 +10,67 @@ from typing import Any
 
 import numpy as np
 import torch as th
-from safetensors.torch import save
+from safetensors.torch import load_file, save
+from scipy.spatial import cKDTree
 from torch import nn
 
-from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.guidance.latent import FEATURES, FORMAT, LATENT_SIZE, reference_features
-from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
-from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters, flat_ground
-from ogmp_sb3.guidance.srb import POS, VEL
+from ogmp_sb3.guidance.latent import FEATURES, FORMAT, LATENT_SIZE, encoder_dir, reference_features
+from ogmp_sb3.guidance.reference_data import ReferenceData
 
 HIDDEN = 32
 BATCH = 64
-RUN_OUT = 5.0  # m of flat ground behind the mode
-SPREAD = 0.5  # m/s: initial velocities differ this much from the set-points', both ways (released code)
-
-
-@dataclass(frozen=True)
-class ReferenceData:
-    """References of single modes, balanced over modes."""
-
-    state: np.ndarray
-    """shape (n, knots + 1, 12), padded behind each row's steps"""
-    steps: np.ndarray
-    """shape (n,), int"""
-    calls: list[ModeCall]
-    """the mode and parameters of each"""
-
-
-def reference_data(task: TaskConfig, per_mode: int, seed: int) -> ReferenceData:
-    """Ask the task's oracle for references with uniform mode parameters and initial states.
-
-    The robot is somewhere on the run-up of a mode, with another height and velocity than the set-points'.
-
-    :param per_mode: references of each mode
-    :param seed: of the draw
-    """
-    rng = np.random.default_rng(seed)
-    oracle = make_oracle(task)
-    states, steps, calls = [], [], []
-    for name, ranges in task.mode_ranges.items():
-        for _ in range(per_mode):
-            call = ModeCall(name, draw_parameters(ranges, rng))
-            segment = call.segment()
-            segments, x0 = [segment], start_state(task, segment)
-            if segment.timed:
-                length = max(round(segment.spans[-1].end / task.control_dt), 1)
-            else:
-                assert task.horizon is not None
-                length = task.horizon
-                speed = segment.spans[0].velocity[0]
-                segments.append(flat_ground(speed, RUN_OUT).segment())
-                x0[0, VEL.start] = speed + rng.uniform(-SPREAD, SPREAD)
-                x0[0, VEL.start + 2] = rng.uniform(-SPREAD, SPREAD)
-                x0[0, POS.start + 2] += rng.uniform(-0.05, 0.1)
-            states.append(oracle(segment_set_points(task, segments, x0, length), x0).state[0])
-            steps.append(length)
-            calls.append(call)
-    longest = max(steps)
-    padded = [np.pad(s, ((0, longest + 1 - len(s)), (0, 0)), mode="edge") for s in states]
-    return ReferenceData(np.stack(padded), np.array(steps), calls)
+CHUNK = 1024  # references that are reconstructed together
 
 
 class AutoEncoder(nn.Module):
-    """LSTM 13 -> 32, ReLU, LSTM 32 -> 2; its last hidden state repeated, LSTM 2 -> 32, ReLU, LSTM 32 -> 32, linear.
+    """LSTM 13 -> 32, ReLU, LSTM 32 -> n; its last hidden state repeated, LSTM n -> 32, ReLU, LSTM 32 -> 32, linear.
 
     :param mean: of the features, shape (13,)
     :param std: of the features, shape (13,)
+    :param latent_size: n
     """
 
     mean: th.Tensor
     std: th.Tensor
 
-    def __init__(self, mean: np.ndarray, std: np.ndarray) -> None:
+    def __init__(self, mean: np.ndarray, std: np.ndarray, latent_size: int = LATENT_SIZE) -> None:
         super().__init__()
         self.register_buffer("mean", th.as_tensor(mean, dtype=th.float32))
         self.register_buffer("std", th.as_tensor(std, dtype=th.float32))
         self.encoder_in = nn.LSTM(FEATURES, HIDDEN, batch_first=True)
-        self.encoder_out = nn.LSTM(HIDDEN, LATENT_SIZE, batch_first=True)
-        self.decoder_in = nn.LSTM(LATENT_SIZE, HIDDEN, batch_first=True)
+        self.encoder_out = nn.LSTM(HIDDEN, latent_size, batch_first=True)
+        self.decoder_in = nn.LSTM(latent_size, HIDDEN, batch_first=True)
         self.decoder_out = nn.LSTM(HIDDEN, HIDDEN, batch_first=True)
         self.head = nn.Linear(HIDDEN, FEATURES, bias=False)
 
     def encode(self, features: th.Tensor, steps: th.Tensor) -> th.Tensor:
-        """Latents of normalised features (n, knots + 1, 13), shape (n, 2)."""
+        """Latents of normalised features (n, knots + 1, 13), shape (n, latent size)."""
         hidden, _ = self.encoder_in(features)
         latent, _ = self.encoder_out(th.relu(hidden))
         last: th.Tensor = latent[th.arange(len(steps)), steps]
         return last
 
-    def forward(self, features: th.Tensor, steps: th.Tensor) -> th.Tensor:
-        """Reconstruction of normalised features, shape (n, knots + 1, 13)."""
-        repeated = self.encode(features, steps)[:, None].expand(-1, features.shape[1], -1)
-        hidden, _ = self.decoder_in(repeated)
+    def decode(self, latent: th.Tensor, knots: int) -> th.Tensor:
+        """Reconstruction of normalised features from latents, shape (n, knots, 13)."""
+        hidden, _ = self.decoder_in(latent[:, None].expand(-1, knots, -1))
         hidden, _ = self.decoder_out(th.relu(hidden))
         return self.head(hidden)  # type: ignore[no-any-return]
 
 
 def fit(
-    data: ReferenceData, updates: int, seed: int, report: Callable[[int, float], None] = lambda update, loss: None
+    data: ReferenceData,
+    updates: int,
+    seed: int,
+    latent_size: int = LATENT_SIZE,
+    report: Callable[[int, float], None] = lambda update, loss: None,
 ) -> AutoEncoder:
     """Train an auto-encoder: Adam with a falling rate, gradients clipped to norm 1. Same seed, same result.
 
     :param updates: minibatches of ``BATCH`` references
+    :param latent_size: how many numbers a latent is
     :param report: called after every update with its number and the loss: the share of the variance not explained
     """
-    features = reference_features(data.state)
-    mask = np.arange(features.shape[1]) <= data.steps[:, None]
+    features, mask = reference_features(data.state), data.mask
     mean = features[mask].mean(axis=0)
     # One scale for all features, so that metres, metres per second and quaternions weigh as they are.
     std = np.full(FEATURES, np.sqrt(features[mask].var(axis=0).mean()))
@@ -123,14 +78,15 @@ def fit(
     steps, valid = th.as_tensor(data.steps), th.as_tensor(mask)
     with th.random.fork_rng():
         th.manual_seed(seed)
-        model = AutoEncoder(mean, std)
+        model = AutoEncoder(mean, std, latent_size)
         optimiser = th.optim.Adam(model.parameters(), lr=5e-3)
         schedule = th.optim.lr_scheduler.CosineAnnealingLR(optimiser, updates, 1e-4)
         for update in range(updates):
             rows = th.randint(len(x), (BATCH,))
             optimiser.zero_grad()
-            loss = ((model(x[rows], steps[rows]) - x[rows]) ** 2)[valid[rows]].mean()
-            loss.backward()
+            decoded = model.decode(model.encode(x[rows], steps[rows]), x.shape[1])
+            loss = ((decoded - x[rows]) ** 2)[valid[rows]].mean()
+            loss.backward()  # type: ignore[no-untyped-call]
             th.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
             optimiser.step()
             schedule.step()
@@ -138,25 +94,46 @@ def fit(
     return model
 
 
-def reconstruction_error(model: AutoEncoder, data: ReferenceData) -> float:
-    """Mean squared error over that of predicting the mean: 0 is perfect, 1 useless."""
-    features = reference_features(data.state)
-    mask = np.arange(features.shape[1]) <= data.steps[:, None]
-    x = (th.as_tensor(features, dtype=th.float32) - model.mean) / model.std
-    with th.no_grad():
-        error = ((model(x, th.as_tensor(data.steps)) - x) ** 2)[mask].mean()
-    return float(error / x[mask].var(dim=0).mean())
+@dataclass(frozen=True)
+class LatentQuality:
+    """How much an auto-encoder keeps of references that it was not trained on."""
+
+    unexplained: float
+    """mean squared error over that of predicting the mean: 0 is perfect, 1 useless"""
+    same_mode: float
+    """share of the references whose nearest other latent belongs to the same mode"""
+    references: int
+    """how many"""
+
+    def __str__(self) -> str:
+        mode = f"the nearest other latent is of the same mode for {self.same_mode:.1%}"
+        return f"{self.unexplained:.1%} of the variance is not explained, and {mode}"
 
 
-def nearest_mode_accuracy(train: np.ndarray, train_modes: list[str], test: np.ndarray, test_modes: list[str]) -> float:
-    """Share of test latents whose nearest training latent is of the same mode.
+def latent_quality(model: AutoEncoder, known: ReferenceData, test: ReferenceData) -> LatentQuality:
+    """How much of some references a latent keeps.
 
-    :param train: shape (n, 2)
-    :param test: shape (m, 2)
+    :param known: references whose latents are the neighbours, e.g. those of the training
+    :param test: references that are none of them
     """
-    distance = np.linalg.norm(test[:, None] - train[None], axis=-1)
-    nearest = distance.argmin(axis=1)
-    return float(np.mean([train_modes[i] == mode for i, mode in zip(nearest, test_modes, strict=True)]))
+    latents, error = _reconstruct(model, test)
+    variance = reference_features(test.state)[test.mask].var(axis=0).sum()
+    nearest = known.modes[cKDTree(_reconstruct(model, known)[0]).query(latents)[1]]
+    same = float(np.mean(nearest == test.modes))
+    return LatentQuality(error / float(variance), same, len(test.steps))
+
+
+def _reconstruct(model: AutoEncoder, data: ReferenceData) -> tuple[np.ndarray, float]:
+    """Latents, shape (n, latent size), and the mean squared error of a knot, summed over the features."""
+    features, latents, error = reference_features(data.state), [], 0.0
+    for begin in range(0, len(features), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        with th.no_grad():
+            x = (th.as_tensor(features[part], dtype=th.float32) - model.mean) / model.std
+            latents.append(model.encode(x, th.as_tensor(data.steps[part])))
+            decoded = model.decode(latents[-1], x.shape[1]) * model.std + model.mean
+        error += float(((decoded.numpy() - features[part]) ** 2)[data.mask[part]].sum())
+    return th.cat(latents).numpy(), error / int(data.mask.sum())
 
 
 def save_encoder(model: AutoEncoder, folder: Path, info: dict[str, Any]) -> None:
@@ -164,4 +141,20 @@ def save_encoder(model: AutoEncoder, folder: Path, info: dict[str, Any]) -> None
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {k: v.contiguous() for k, v in model.state_dict().items()}
     (folder / "encoder.safetensors").write_bytes(save(tensors))  # readable as the umask says, unlike by save_file
-    (folder / "encoder.json").write_text(json.dumps({"format": FORMAT, **info}, indent=1), encoding="utf-8")
+    described = {"format": FORMAT, "latent_size": model.encoder_out.hidden_size, **info}
+    (folder / "encoder.json").write_text(json.dumps(described, indent=1), encoding="utf-8")
+
+
+def load_auto_encoder(name_or_path: str) -> AutoEncoder | None:
+    """The whole auto-encoder of an encoder that :func:`~ogmp_sb3.guidance.latent.load_encoder` loads.
+
+    :return: None if its file holds no decoder, or one of another form
+    """
+    tensors = load_file(encoder_dir(name_or_path) / "encoder.safetensors")
+    mean, std = tensors["mean"].numpy(), tensors["std"].numpy()
+    model = AutoEncoder(mean, std, tensors["encoder_out.weight_hh_l0"].shape[1])
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError:
+        return None
+    return model

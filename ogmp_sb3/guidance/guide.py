@@ -114,6 +114,10 @@ class Guide:
         """Go on to the next knot of each reference, though never beyond the last."""
         self.plans.advance()
 
+    def to_end(self, rows: np.ndarray) -> None:
+        """Go on to the last knot of the references of some environments, where the next query is due."""
+        self.plans.phase[rows] = self.plans.period[rows]
+
     def follow(
         self,
         rows: np.ndarray,

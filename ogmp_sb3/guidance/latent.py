@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +22,14 @@ from ogmp_sb3.guidance.rotations import rpy_to_quat
 from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
 from ogmp_sb3.machine import compiled
 
-LATENT_SIZE = 2
+LATENT_SIZE = 2  # of the paper
 FEATURES = 13
 FORMAT = 1
 
 
 @dataclass(frozen=True)
 class LatentEncoder:
-    """A trained encoder: LSTM 13 -> 32, ReLU, LSTM 32 -> 2; the latent is the last hidden state, in (-1, 1)."""
+    """A trained encoder: LSTM 13 -> 32, ReLU, LSTM 32 -> n; the latent is the last hidden state, in (-1, 1)."""
 
     mean: np.ndarray
     """of the features, shape (13,)"""
@@ -37,13 +37,20 @@ class LatentEncoder:
     """of the features, shape (13,)"""
     weights: tuple[np.ndarray, ...]
     """input, recurrent and bias weights of both LSTMs, shapes (inputs, gates) and (gates,), gates in torch's order"""
+    info: dict[str, Any] = field(default_factory=dict)
+    """what ``encoder.json`` says of its training"""
+
+    @property
+    def size(self) -> int:
+        """How many numbers a latent is."""
+        return len(self.weights[4])
 
     def __call__(self, state: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """Encode references.
 
         :param state: shape (rows, knots + 1, 12)
         :param steps: how many steps of each row are meant, shape (rows,), int
-        :return: shape (rows, 2)
+        :return: shape (rows, size)
         """
         features = (reference_features(state) - self.mean) / self.std
         return _encode(features, steps, *self.weights)  # type: ignore[no-any-return]
@@ -77,9 +84,12 @@ def load_encoder(name_or_path: str) -> LatentEncoder:
             weights += [tensors[f"{lstm}.weight_ih_l0"], tensors[f"{lstm}.weight_hh_l0"]]
             weights.append(tensors[f"{lstm}.bias_ih_l0"] + tensors[f"{lstm}.bias_hh_l0"])
         mean, std = tensors["mean"].astype(float), tensors["std"].astype(float)
+        size = len(tensors["encoder_out.weight_hh_l0"][0])
+        if info.get("latent_size", size) != size:
+            raise ValueError(f"latent_size is {info['latent_size']}, and there are weights for {size}")
     except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a readable encoder ({error}).") from None
-    return LatentEncoder(mean, std, tuple(np.ascontiguousarray(w.T, dtype=float) for w in weights))
+    return LatentEncoder(mean, std, tuple(np.ascontiguousarray(w.T, dtype=float) for w in weights), info)
 
 
 def task_encoder(task: TaskConfig) -> LatentEncoder | None:

@@ -104,7 +104,7 @@ class Plans:
         self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
         self.reference = np.zeros((num_envs, most_steps + 1, STATE_SIZE))
         self.quat = np.zeros((num_envs, most_steps + 1, 4))
-        self.latent = np.zeros((num_envs, LATENT_SIZE))
+        self.latent = np.zeros((num_envs, self._encoder.size if self._encoder else LATENT_SIZE))
         self.period = np.ones(num_envs, dtype=int)  # control steps from a query to the next
         self.phase = np.zeros(num_envs, dtype=int)  # control steps since the last query
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ from ogmp_sb3.evaluation.grid import default_grids
 from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
 from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.admissible import standing_still
-from ogmp_sb3.guidance.encoder_training import reference_data
 from ogmp_sb3.guidance.latent import load_encoder
+from ogmp_sb3.guidance.reference_data import reference_data
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.report.panels import shown
 from ogmp_sb3.report.plots.evaluations import plot_grids, plot_terminations
@@ -40,7 +41,7 @@ CURVES = {
     "episode/deviation": "mean deviation ‖W (x − x_ref)‖",
 }
 CAUSE = "termination/"
-REFERENCES = 200  # of each mode, in the picture of the latent
+REFERENCES = 1000  # in the picture of the latent
 THIN = "\N{NARROW NO-BREAK SPACE}"
 LARGEST_VIDEO = 5_000_000  # bytes that are put into the page
 
@@ -259,20 +260,24 @@ def traces_picture(out: Path, name: str, caption: str, traces: list[Trace]) -> P
 
 
 def latents(subject: EvaluatedPolicy, seed: int, out: Path) -> Section | None:
-    """What the policy's encoder makes of references, by mode and parameter."""
+    """What the policy's encoder makes of references along random courses, by mode and parameter."""
     task = subject.loaded.task
     if not task.uses_latent or task.encoder is None:
         return None
-    data = reference_data(task, REFERENCES, seed)
+    data = reference_data(replace(task, curriculum=None), REFERENCES, np.random.SeedSequence(seed))
     latent = load_encoder(task.encoder)(data.state, data.steps)
     keys = dict.fromkeys(key for call in data.calls for key in call.parameters)
     rows = [
-        {"mode": call.name, **{key: call.parameters.get(key, "") for key in keys}, "z1": z1, "z2": z2}
-        for call, (z1, z2) in zip(data.calls, latent, strict=True)
+        {
+            "mode": call.name,
+            **{key: call.parameters.get(key, "") for key in keys},
+            **{f"z{i}": z for i, z in enumerate(point, start=1)},
+        }
+        for call, point in zip(data.calls, latent, strict=True)
     ]
     caption = (
-        f"The latent of {REFERENCES} references of each mode, with uniform parameters and initial states; by mode, "
-        "and by each parameter that varies."
+        f"The latent of {REFERENCES} references that robots ask for along random courses; by the mode under the base, "
+        "and by each parameter of it that varies."
     )
     picture = make_picture(out, "latents", caption, rows, lambda path: plot_latents(latent, data.calls, path))
     return Section("Mode latent", "", [picture])

@@ -17,6 +17,7 @@ from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.episodes import play_batch, play_episodes
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.traces import make_trace
+from ogmp_sb3.guidance.srb import POS
 from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 
@@ -64,6 +65,17 @@ def test_the_deviation_is_the_weighted_distance_to_the_reference(records: list[E
     for record in records:
         error = record.base_pos_w - record.reference_pos_w
         np.testing.assert_allclose(record.deviation, np.hypot(0.5 * error[:, 0], 2.0 * error[:, 2]), atol=1e-12)
+
+
+def test_the_references_of_a_record_are_those_that_the_policy_followed(records: list[EpisodeRecord]) -> None:
+    for record in records:
+        begun = np.flatnonzero(record.phase[1:] == 1)
+        assert len(record.queries) == len(begun)
+        for first, (reference, call) in zip(begun, record.queries, strict=True):
+            followed = record.reference_pos_w[first + 1 : first + 6]
+            np.testing.assert_array_equal(reference[1 : len(followed) + 1, POS], followed)
+            np.testing.assert_allclose(reference[0, POS], record.base_pos_w[first])
+            assert call.name == record.modes[0]["mode"]  # they do not get far
 
 
 @pytest.mark.parametrize("survived", [0, 3])

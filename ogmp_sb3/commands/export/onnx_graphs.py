@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from ogmp_sb3.guidance.latent import FEATURES, LATENT_SIZE, LatentEncoder
+from ogmp_sb3.guidance.latent import FEATURES, LatentEncoder
 
 Shape = tuple[int | str, ...]
 
@@ -136,7 +136,8 @@ def actor_model(policy: Any) -> onnx.ModelProto:
 def encoder_model(encoder: LatentEncoder) -> onnx.ModelProto:
     """The encoder of a reference, its normaliser included.
 
-    Input ``features`` (knots, 13), of :func:`~ogmp_sb3.guidance.latent.reference_features`; output ``latent`` (1, 2).
+    Input ``features`` (knots, 13), of :func:`~ogmp_sb3.guidance.latent.reference_features`; output ``latent`` (1,
+    latent size).
     """
     first, second = (tuple(w.T for w in encoder.weights[k : k + 3]) for k in (0, 3))
     graph = _Graph()
@@ -144,4 +145,4 @@ def encoder_model(encoder: LatentEncoder) -> onnx.ModelProto:
     x = graph.add("Relu", [graph.lstm("lstm_in", x, first)], "hidden")
     graph.lstm("lstm_out", x, second)
     graph.squeeze("lstm_out_h", 0, "latent")
-    return graph.model("encoder", {"features": ("knots", FEATURES)}, {"latent": (1, LATENT_SIZE)})
+    return graph.model("encoder", {"features": ("knots", FEATURES)}, {"latent": (1, encoder.size)})

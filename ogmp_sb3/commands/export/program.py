@@ -68,7 +68,7 @@ def _run(arguments: list[str]) -> None:
         if loaded.task.uses_latent:
             difference = encoder_parity(loaded, Path(folder) / ENCODER)
             _check("encoder", difference)
-            report.append(f"Latents of {PARITY_REFERENCES} references a mode differ by at most {difference:.1e}.")
+            report.append(f"Latents of {PARITY_REFERENCES} references differ by at most {difference:.1e}.")
         files = sorted(Path(folder).iterdir())
         (out / ENCODER).unlink(missing_ok=True)  # of another policy
         for file in files:

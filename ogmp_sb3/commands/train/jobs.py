@@ -10,6 +10,7 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from ogmp_sb3.commands.encoder_warning import encoder_warning, warn_once
 from ogmp_sb3.commands.train.command_line import PROGRAM, TASK_KEYS
 from ogmp_sb3.commands.train.composition import given_bare
 from ogmp_sb3.commands.train.tasks import task_file
@@ -51,6 +52,8 @@ def _read_job(config: DictConfig, overrides: list[str], run_dir: Path) -> Job:
         data["robot"] = str((path.parent / robot).resolve())
     task = _with_encoder(task_from_data(data, path))
     settings = read(TrainConfig, values, Where(PROGRAM))
+    if warning := encoder_warning(task, data, path):
+        warn_once(warning)
     return Job(task=task, task_data=data, config=settings, run_dir=run_dir, overrides=tuple(overrides))
 
 

@@ -58,28 +58,41 @@ def _shown(set_points: np.ndarray) -> list[tuple[str, int]]:
 def plot_latents(latents: np.ndarray, calls: list[ModeCall], path: Path) -> None:
     """Scatter of the latent: all modes, and each mode coloured by its parameters (paper, fig:afo c).
 
-    :param latents: shape (n, 2)
+    Of a latent of more than two numbers, the two principal components.
+
+    :param latents: shape (n, latent size)
     :param calls: the mode and parameters of each
     :param path: picture to write
     """
+    points, labels = _plane(latents)
     names = dict.fromkeys(call.name for call in calls)
     members = {name: [i for i, call in enumerate(calls) if call.name == name] for name in names}
     coloured = [
         (name, parameter, values)
         for name, rows in members.items()
         for parameter in calls[rows[0]].parameters
-        if len(set(values := [calls[i].parameters[parameter] for i in rows])) > 1
+        if all(parameter in calls[i].parameters for i in rows)
+        and len(set(values := [calls[i].parameters[parameter] for i in rows])) > 1
     ]
     figure, (first, *others) = panel_grid(1 + len(coloured), 3, 3.5, 2.9)
     for name, rows in members.items():
-        first.scatter(latents[rows, 0], latents[rows, 1], s=6, label=name, rasterized=True)
+        first.scatter(points[rows, 0], points[rows, 1], s=6, label=name, rasterized=True)
     first.legend(fontsize="small")
-    first.set(title="all modes", xlabel="z1", ylabel="z2")
+    first.set(title="all modes", **labels)
     for axes, (name, parameter, values) in zip(others, coloured, strict=True):
-        _scatter_by_value(figure, axes, latents[members[name]], values)
+        _scatter_by_value(figure, axes, points[members[name]], values)
         words = _words(values)
-        axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), xlabel="z1", ylabel="z2")
+        axes.set(title=f"{name}: {parameter}" + (f" ({', '.join(words)})" if words else ""), **labels)
     save(figure, path, dpi=100)
+
+
+def _plane(latents: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
+    """Latents as points of a plane, and the labels of its axes."""
+    if latents.shape[1] == 2:
+        return latents, {"xlabel": "z1", "ylabel": "z2"}
+    centred = latents - latents.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2][:2]
+    return centred @ axes.T, {"xlabel": "first principal component", "ylabel": "second"}
 
 
 def _scatter_by_value(figure: Figure, axes: Axes, points: np.ndarray, values: list[float | str]) -> None:

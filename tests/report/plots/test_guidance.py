@@ -61,3 +61,16 @@ def test_latents_have_a_panel_for_all_modes_and_one_for_each_parameter_that_vari
     np.testing.assert_allclose(both.collections[1].get_offsets(), latents[2:])
     np.testing.assert_allclose(jump.collections[0].get_array(), [0.1, 0.2])
     np.testing.assert_allclose(flip.collections[0].get_array(), [1, 0, 1])
+
+
+def test_a_latent_of_more_numbers_is_drawn_by_its_two_principal_components(figures: list[Figure]) -> None:
+    rng = np.random.default_rng(0)
+    spread = rng.normal(size=(40, 2)) * [3.0, 1.0]
+    turned = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    latents = np.pad(spread, ((0, 0), (0, 2))) @ turned + 5.0
+    guidance.plot_latents(latents, [ModeCall("pace", {"v": 1.0})] * 40, Path("unused"))
+    points = np.asarray(figures[0].axes[0].collections[0].get_offsets())
+    distance = [np.linalg.norm(each[:, None] - each[None], axis=-1) for each in (points, spread)]
+    np.testing.assert_allclose(*distance, atol=1e-9)
+    assert points[:, 0].std() > points[:, 1].std()
+    assert figures[0].axes[0].get_xlabel() == "first principal component"
