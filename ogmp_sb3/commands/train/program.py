@@ -39,12 +39,7 @@ def _hydra_main(cfg: DictConfig) -> float | None:
     run_dir = Path(HydraConfig.get().runtime.output_dir)
     with transcript(run_dir):
         try:
-            job = read_job(cfg, run_dir)
-            if warning := encoder_warning(
-                job.task, job.task_data, task_file(HydraConfig.get().runtime.choices["task"])
-            ):
-                warn_once(warning)
-            mean = begin_or_go_on(job)
+            mean = begin_or_go_on(read_job(cfg, run_dir))
             return mean if math.isfinite(mean) else None
         except OmegaConfBaseException as error:  # of Hydra's own part
             _fail(run_dir, ValueError(sentence(error)))
