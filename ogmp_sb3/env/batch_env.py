@@ -18,10 +18,10 @@ from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.env.streams import Stream, generator
 from ogmp_sb3.env.terms import bind
-from ogmp_sb3.env.view import EnvView, deviation, srb_state
+from ogmp_sb3.env.view import EnvView, srb_state
 from ogmp_sb3.guidance.guide import Guide
 from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, mode_calls, plain_modes
-from ogmp_sb3.guidance.srb import VEL
+from ogmp_sb3.guidance.srb import VEL, deviation
 from ogmp_sb3.guidance.terrain import height_at
 
 STATE_ARRAYS = ("step_count", "level", "_ended", "restarted")

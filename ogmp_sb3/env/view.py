@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_to_rotvec, rpy_to_quat
-from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
+from ogmp_sb3.guidance.srb import STATE_SIZE
 from ogmp_sb3.machine import compiled
 
 
@@ -51,26 +50,6 @@ class EnvView:
     """control steps since the oracle was asked, shape (num_envs,), int"""
     period: np.ndarray
     """control steps between queries, shape (num_envs,), int"""
-
-
-def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted norm ``||W (x - x_ref)||`` of the permissible-state bound (paper, sec. II).
-
-    Roll, pitch and yaw are not subtracted, which means nothing beyond a quarter turn: their error is the rotation
-    vector ``log(R_ref^T R)``, from the reference to the state about the reference's body axes. Its components are the
-    errors of roll, pitch and yaw where these are small and the reference is upright; its length is at most pi.
-
-    :param state: shape (num_envs, 12)
-    :param reference: shape (num_envs, 12)
-    :param weights: diagonal of W, shape (12,)
-    :return: shape (num_envs,)
-    """
-    error = state - reference
-    if weights[RPY].any():
-        inverse = quat_conjugate(rpy_to_quat(reference[:, RPY]))
-        error[:, RPY] = quat_to_rotvec(quat_multiply(inverse, rpy_to_quat(state[:, RPY])))
-    distance: np.ndarray = np.linalg.norm(weights * error, axis=1)
-    return distance
 
 
 def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.batch_env import BatchEnv, StepResult
 from ogmp_sb3.env.endings import TIME_LIMIT
-from ogmp_sb3.env.view import EnvView, deviation
+from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.analysis import Report, Request
 from ogmp_sb3.evaluation.copies import copies_text, first_of_each
 from ogmp_sb3.evaluation.episodes import BATCH, Progress, play_batch
@@ -32,6 +32,7 @@ from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.statistics import Estimate, as_text, estimate
 from ogmp_sb3.guidance.plans import Plans, make_oracle
 from ogmp_sb3.guidance.set_points import Reference, SetPoints
+from ogmp_sb3.guidance.srb import deviation
 
 ESTIMATE = "an estimate, biased by the oracle and the rho of the training"  # what epsilon is
 PERCENTILES = (50.0, 95.0, 100.0)

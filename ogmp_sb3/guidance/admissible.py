@@ -21,10 +21,9 @@ from ogmp_sb3.guidance.course import MAX_LOOKAHEAD, Course
 from ogmp_sb3.guidance.feasible import footing, least_deviation
 from ogmp_sb3.guidance.oracles import Oracle
 from ogmp_sb3.guidance.plans import make_oracle, segment_set_points, start_state
-from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, rpy_to_quat
 from ogmp_sb3.guidance.sampling import corner_segments, flat_ground
 from ogmp_sb3.guidance.set_points import set_points
-from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, STATE_SIZE
+from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, STATE_SIZE, deviation
 
 CORNERS = 64  # of the modes' ranges; more are thinned out
 TRACKS, TRACK_TIME = 8, 2.7  # random tracks, and how much of each is followed, s
@@ -208,7 +207,7 @@ def _behaviours(task: TaskConfig, oracle: Oracle, weights: np.ndarray) -> tuple[
         if not np.isfinite(asked.reference).all():
             continue
         for name, motion in _instead(asked).items():
-            found.setdefault(name, []).append(_deviation(motion, asked.reference, weights))
+            found.setdefault(name, []).append(float(deviation(motion, asked.reference, weights)[1:].max()))
             if not (_moves(asked.set_points, weights) if name == STANDING else found[name][-1] > 0.0):
                 unseen.add(name)
     return tuple(
@@ -234,13 +233,3 @@ def _moves(set_points: np.ndarray, weights: np.ndarray) -> bool:
     """Whether the bound weighs a state that the set-points move."""
     asked, half = weights * set_points, STATE_SIZE // 2
     return bool(np.ptp(asked[:, :half], axis=0).any() or asked[:, half:].any())
-
-
-def _deviation(motion: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> float:
-    """The greatest deviation of a motion from a reference in the norm of the bound."""
-    error = motion - reference
-    turn = quat_multiply(rpy_to_quat(motion[:, RPY]), quat_conjugate(rpy_to_quat(reference[:, RPY])))
-    sine = np.linalg.norm(turn[:, 1:], axis=1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, np.abs(turn[:, :1]))
-    error[:, RPY] = np.sign(turn[:, :1]) * angle * turn[:, 1:] / np.maximum(sine, 1e-12)
-    return float(np.linalg.norm(weights * error, axis=1)[1:].max())

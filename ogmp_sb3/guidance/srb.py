@@ -14,11 +14,38 @@ from functools import lru_cache
 import numpy as np
 
 from ogmp_sb3.config.robot import SRB
-from ogmp_sb3.guidance.rotations import rpy_rate_matrix, rpy_to_matrix
+from ogmp_sb3.guidance.rotations import (
+    quat_conjugate,
+    quat_multiply,
+    quat_to_rotvec,
+    rpy_rate_matrix,
+    rpy_to_matrix,
+    rpy_to_quat,
+)
 
 GRAVITY = 9.81  # m/s^2
 STATE_SIZE = 12
 RPY, POS, OMEGA, VEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+
+
+def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted norm ``||W (x - x_ref)||`` of the permissible-state bound (paper, sec. II).
+
+    Roll, pitch and yaw are not subtracted, which means nothing beyond a quarter turn: their error is the rotation
+    vector ``log(R_ref^T R)``, from the reference to the state about the reference's body axes. Its components are the
+    errors of roll, pitch and yaw where these are small and the reference is upright; its length is at most pi.
+
+    :param state: shape (rows, 12)
+    :param reference: shape (rows, 12)
+    :param weights: diagonal of W, shape (12,)
+    :return: shape (rows,)
+    """
+    error = state - reference
+    if weights[RPY].any():
+        inverse = quat_conjugate(rpy_to_quat(reference[:, RPY]))
+        error[:, RPY] = quat_to_rotvec(quat_multiply(inverse, rpy_to_quat(state[:, RPY])))
+    distance: np.ndarray = np.linalg.norm(weights * error, axis=1)
+    return distance
 
 
 @dataclass(frozen=True)

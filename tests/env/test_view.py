@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.views import make_view
 from ogmp_sb3.config.robot import STATE_NAMES
-from ogmp_sb3.env.view import deviation, srb_state
-from ogmp_sb3.guidance.srb import RPY, STATE_SIZE
+from ogmp_sb3.env.view import srb_state
+from ogmp_sb3.guidance.srb import RPY, STATE_SIZE, deviation
 
 
 def one_hot(name: str, value: float) -> np.ndarray:

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_task
-from ogmp_sb3.env.view import deviation
-from ogmp_sb3.guidance.srb import POS, STATE_SIZE
+from ogmp_sb3.guidance.srb import POS, STATE_SIZE, deviation
 from ogmp_sb3.rendering import viewer_scene as stage
 from ogmp_sb3.rendering.player import Player
 

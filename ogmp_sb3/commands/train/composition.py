@@ -76,7 +76,8 @@ class Composition(ConfigLoaderImpl):
     def _load_configuration_impl(self, *args: Any, **kwargs: Any) -> DictConfig:
         """The command line over the files."""
         config = super()._load_configuration_impl(*args, **kwargs)
-        overrides = OverridesParser.create().parse_overrides(list(config.hydra.overrides.task))
+        typed = OmegaConf.to_container(config.hydra.overrides.task)  # in which ${...} stays as it is
+        overrides = OverridesParser.create().parse_overrides(typed)  # type: ignore[arg-type]
         for override in overrides:
             key, _, name = plain_key(override.key_or_group).partition(".")
             if key not in WHOLE or override.is_sweep_override():
