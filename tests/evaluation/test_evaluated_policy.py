@@ -62,7 +62,8 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(
     left = json.loads((copy / "evaluation" / "metrics.json").read_text())
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments, **named: MEASURED)
     found = subject(copy, SHORT).evaluation(3, 0, lambda n: None)
-    assert found.as_data() == {key: left[key] for key in ("metrics", "groups", "median_distance_m", "terminations")}
+    kept = ("metrics", "groups", "median_distance_m", "terminations", "latent")
+    assert found.as_data() == {key: left[key] for key in kept}
     for overrides, episodes, seed in (([], 3, 0), ([SHORT], 2, 0), ([SHORT], 3, 1)):
         assert subject(copy, *overrides).evaluation(episodes, seed, lambda n: None) == MEASURED
     for change in ({"policy": "another"}, {"versions": {**left["versions"], "mujoco": "0"}}, {"groups": None}):
