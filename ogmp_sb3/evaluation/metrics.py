@@ -17,7 +17,7 @@ from ogmp_sb3.guidance.srb import GRAVITY
 
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
-UPRIGHT_STEPS = 33  # control steps at the end of a dive
+UPRIGHT_TIME = 1.0  # s, at the end of a dive
 MIN_HEIGHT = 0.3  # m, base over the terrain
 
 Metric = TypeVar("Metric", bound=Callable[[EpisodeRecord], float])
@@ -153,7 +153,8 @@ def flip_and_land(record: EpisodeRecord) -> bool:
     direction = next((str(m["r"]) for m in record.modes if "r" in m), "front")
     turned = abs(flip_angle(record.base_quat, direction) - 2 * np.pi) <= FULL_TURN_TOLERANCE
     up = quat_rotate(record.base_quat, np.array([0.0, 0.0, 1.0]))[:, 2]
-    upright = bool((up[-UPRIGHT_STEPS:] >= np.cos(UPRIGHT_TOLERANCE)).all())
+    last = max(1, round(UPRIGHT_TIME / record.control_dt))  # control steps
+    upright = bool((up[-last:] >= np.cos(UPRIGHT_TOLERANCE)).all())
     high = bool((record.height >= MIN_HEIGHT).all())
     return bool(turned and upright and high and record.termination == "time_limit")
 
