@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.robot import RobotConfig
-from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.robot_model import build_model, read_mjcf
 
 PHYSICS_DT = 0.002  # s; the task's takes its place in a simulation
 NAMED = ("name", "mjcf", "source", "path")  # entries of robot.yaml that change nothing
@@ -58,7 +58,7 @@ def same_model(one: Path, other: Path) -> bool:
 
     :raises ValueError: if one of them cannot be compiled
     """
-    models = [mujoco.MjSpec.from_file(str(path.absolute())).compile() for path in (one, other)]
+    models = [read_mjcf(path).compile() for path in (one, other)]
     first, second = ({**_arrays(model), "names": model.names} for model in models)
     return all(name.endswith("_pathadr") or _same(value, second[name]) for name, value in first.items())
 

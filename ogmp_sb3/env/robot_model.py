@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -36,8 +37,7 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     :raises ValueError: if the robot's MJCF is unreadable, lacks what robot.yaml names, or cannot be simulated
     """
     with _in_the_file(robot):
-        # From a relative path MuJoCo does not find what an included file includes from beside itself.
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path.absolute()))
+        spec = read_mjcf(robot.mjcf_path)
         _prepare(spec, physics_dt, visual)
         alone = spec.compile()
     _check_names(alone, robot)
@@ -50,6 +50,16 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     with _in_the_file(robot):
         _add_terrain(spec, terrain_boxes, bits)
         return spec.compile()
+
+
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """A model's file and all that it reads, as they are now.
+
+    :raises ValueError: if one of them cannot be read
+    """
+    mujoco.mj_clearCache(mujoco.mj_getCache())  # where a mesh that changed twice in a second is still the first
+    # From a relative path MuJoCo does not find what an included file includes from beside itself.
+    return mujoco.MjSpec.from_file(str(path.absolute()))
 
 
 @contextmanager

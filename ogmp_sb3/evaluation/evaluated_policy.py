@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -127,7 +126,13 @@ class EvaluatedPolicy:
 
 
 def _can_append(file: Path) -> bool:
-    return os.access(file, os.W_OK) if file.exists() else can_write(file.parent)
+    if not file.exists():
+        return can_write(file.parent)
+    try:
+        file.open("ab").close()
+    except OSError:
+        return False
+    return True
 
 
 def rank_key(evaluation: Evaluation) -> list[float]:

@@ -80,7 +80,7 @@ def test_the_page_needs_nothing_else_and_every_picture_can_be_seen(run_page: Pat
 
 def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
     html = (run_page / "report.html").read_text(encoding="utf-8")
-    for text in ("rho=0.3", "preview", "30 control steps", "0.54 to 1.62 m", "mujoco", "512", "run.mp4"):
+    for text in ("rho=0.3", "preview", "30 control steps", "deviates by 0.52 to 1.56", "mujoco", "512", "run.mp4"):
         assert text in html
     titles = re.findall(r"<h2>(.*?)</h2>", html)
     assert titles == ["Run", "Training", "Evaluation", "Motion", "Mode parameters", "Mode latent", "Video"]
@@ -195,7 +195,7 @@ def test_a_sweep_with_missing_jobs_has_a_page_that_lists_them(sweep_page: Path) 
     html = (sweep_page / "report.html").read_text(encoding="utf-8")
     assert "2 finished, 2 missing" in html
     captions = re.findall("<figcaption>([^<]*)", html)  # of the curves, the objectives, the ends and the traces
-    assert ["v · horizon · control_dt = 0.54 to 1.62 m" in text for text in captions] == [True, True, False, False]
+    assert ["deviates by 0.52 to 1.56" in text for text in captions] == [True, True, False, False]
     for value in ("0.3", "0.5", "0.8", "null"):
         assert f'<th scope="row">rho={value}</th>' in html
     assert {row["line"] for row in rows(sweep_page / "training.csv")} == {"0.3", "0.5"}

@@ -290,12 +290,13 @@ def test_a_mapping_for_the_bound_replaces_it_and_a_single_weight_does_not(
 def test_every_other_mapping_merges() -> None:
     overrides = {
         "modes": {"flip": {"h": 1.2}},
-        "oracle_params.lqr.Q": {"z": 5.0},
+        "oracle_params.lqr.Q": {"stance": {"z": 5.0}},
         "evaluation": {"initial": {"x": 0.1}},
     }
     task, shipped = load_task("dive", overrides), load_task("dive")
     assert task.mode_ranges["flip"] == {**shipped.mode_ranges["flip"], "h": Range(1.2, 1.2)}
-    assert task.oracle_params["lqr"]["Q"] == {**shipped.oracle_params["lqr"]["Q"], "z": 5.0}
+    phases = shipped.oracle_params["lqr"]["Q"]
+    assert task.oracle_params["lqr"]["Q"] == {**phases, "stance": {**phases["stance"], "z": 5.0}}
     assert task.evaluation.initial == replace(shipped.evaluation.initial, x=Range(0.1, 0.1))  # type: ignore[type-var]
 
 

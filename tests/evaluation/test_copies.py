@@ -16,7 +16,7 @@ from ogmp_sb3.evaluation.copies import copies_in_sets_text, copies_text, distinc
 from ogmp_sb3.evaluation.episodes import play_episodes
 from ogmp_sb3.evaluation.evaluate import Evaluation, measure
 
-FIXED = {"modes.flip": {"r": "front", "h": 1.2}, "evaluation.episode_steps": 20}
+FIXED = {"modes.flip": {"r": "front", "h": 1.2}, "evaluation.episode_steps": 20, "evaluation.initial": None}
 
 
 class Standing:

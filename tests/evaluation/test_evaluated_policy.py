@@ -135,7 +135,7 @@ def test_another_robot_is_measured_anew_and_so_is_one_whose_included_file_change
         EvaluatedPolicy(loaded, [], copy).evaluation(2, 0, lambda n: None)
 
     subject(copy).evaluation(2, 0, lambda n: None)
-    for change, times in (("<mujoco>", 2), ("<mujoco><!-- -->", 2), ('<mujoco><option gravity="0 0 -9"/>', 3)):
+    for change, times in (("<mujoco>", 2), ("<mujoco><!-- -->", 2), ('<mujoco><option impratio="2"/>', 3)):
         edit(tmp_path / "project" / "models" / "hector" / "parts" / "all.xml", "<mujoco>", change)
         for _ in range(2):
             evaluation()

@@ -76,7 +76,6 @@ MISTAKES = [
     ("rho", 10**400, ValueError, "'rho' is too large"),
     ("rho", "half", TypeError, "'rho' must be a number, found the text 'half'"),
     ("rho", [0.5], TypeError, "'rho' must be a number, found the list [0.5]"),
-    ("rho", "${control_dt}", TypeError, "'rho' must be a number, found the text '${control_dt}'"),
     ("min_step_reward", math.nan, ValueError, "'min_step_reward' must be finite"),
     # keys
     ("rhoo", 0.5, KeyError, "'rhoo' is not a known key (allowed: ", "Did you mean 'rho'?"),

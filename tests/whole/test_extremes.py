@@ -100,7 +100,7 @@ ALLOWED: list[tuple[str, dict[str, Any], Callable[[BatchEnv, list[StepResult]], 
     ("jump: {h: 0}", only("jump", h=0.0), flat),
     ("jump: {h: 2}", only("jump", h=2.0), wall),
     ("pace: {v: 0}", only("pace", v=0.0), stays),
-    ("track: {width: 0.001}", {"track.width": 0.001}, beside),
+    ("track: {width: 0.001}", {"track.width": 0.001, "evaluation.initial": None}, beside),
     ("track: {length: 0.001}", {"track.length": 0.001, **only("pace")}, flat),
     ("feedback: []", {"feedback": [], "rho": None}, blind),
     ("action: {scale: 1e6}", {"action.scale": 1e6, "rho": None}, limited),
@@ -184,7 +184,7 @@ def test_what_is_beyond_is_refused_in_one_sentence(overrides: dict[str, Any], se
         ("train", ["task=dive", "num_envs=1", "ppo.n_steps=1"], "one sample is too few to learn from."),
         ("train", ["task=dive", "ppo.clip_range=0"], "'clip_range' must be above 0, found 0."),
         ("train", ["task=dive", "ppo.lstm_hidden_size=1000000"], "'lstm_hidden_size' must be at most 4,096"),
-        ("check", ["dive", "out=/proc/nowhere"], "/proc/nowhere: No such file or directory."),
+        ("check", ["dive", "out=/proc/nowhere"], "'/proc/nowhere': nothing can be saved there ("),
     ],
 )
 def test_an_extreme_of_a_program_is_refused_in_one_sentence(

@@ -34,9 +34,21 @@ def read_job(config: DictConfig, run_dir: Path) -> Job:
     :raises TypeError: for a value of the wrong type
     :raises ValueError: for a value that is out of range, a file that cannot be read, and ``${...}`` without a value
     """
+    with _where_it_was_started():
+        return _read_job(config, plain(HydraConfig.get().overrides.task), run_dir)
+
+
+def warn_of_encoder(job: Job) -> None:
+    """Say where the references of a job's task leave what its encoder was trained on; once for all jobs of a sweep."""
+    with _where_it_was_started():
+        path = task_file(HydraConfig.get().runtime.choices["task"])
+        if warning := encoder_warning(job.task, job.task_data, path):
+            warn_once(warning)
+
+
+def _where_it_was_started() -> contextlib.AbstractContextManager[None]:
     hydra = HydraConfig.get()
-    with contextlib.chdir(hydra.runtime.cwd) if hydra.job.chdir else contextlib.nullcontext():
-        return _read_job(config, plain(hydra.overrides.task), run_dir)
+    return contextlib.chdir(hydra.runtime.cwd) if hydra.job.chdir else contextlib.nullcontext()
 
 
 def plain(config: Any) -> Any:
@@ -52,8 +64,6 @@ def _read_job(config: DictConfig, overrides: list[str], run_dir: Path) -> Job:
         data["robot"] = str((path.parent / robot).resolve())
     task = _with_encoder(task_from_data(data, path))
     settings = read(TrainConfig, values, Where(PROGRAM))
-    if warning := encoder_warning(task, data, path):
-        warn_once(warning)
     return Job(task=task, task_data=data, config=settings, run_dir=run_dir, overrides=tuple(overrides))
 
 

@@ -16,7 +16,7 @@ from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
-from ogmp_sb3.commands.train.jobs import read_job
+from ogmp_sb3.commands.train.jobs import read_job, warn_of_encoder
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.start import remove_unused
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
@@ -39,7 +39,9 @@ def _hydra_main(cfg: DictConfig) -> float | None:
     run_dir = Path(HydraConfig.get().runtime.output_dir)
     with transcript(run_dir):
         try:
-            mean = begin_or_go_on(read_job(cfg, run_dir))
+            job = read_job(cfg, run_dir)
+            warn_of_encoder(job)
+            mean = begin_or_go_on(job)
             return mean if math.isfinite(mean) else None
         except OmegaConfBaseException as error:  # of Hydra's own part
             _fail(run_dir, ValueError(sentence(error)))
