@@ -48,7 +48,8 @@ class InitialStates:
         self._sim, self._height, self._nominal = sim, robot.nominal_height, np.array(robot.nominal_joints)
         self._limits = _joint_limits(sim.model, robot.joints)
         self._rng = [np.random.default_rng() for _ in range(len(sim.qpos))]
-        self._usual_depth = 0.0 if config is None else max(0.0, depth_in_ground(sim.model, self._nominal_qpos(), FLAT))
+        self._data = mujoco.MjData(sim.model)  # to look at poses; to make one takes longer than all else of a reset
+        self._usual_depth = 0.0 if config is None else max(0.0, depth_in_ground(self._data, self._nominal_qpos(), FLAT))
 
     def seed_row(self, row: int, rng: np.random.Generator) -> None:
         """Give an environment a generator spawned from its own one."""
@@ -87,7 +88,7 @@ class InitialStates:
         base = np.column_stack([start.xy, ground + self._height])
         sim.place(rows, base, start.joint_pos, start.yaw, start.velocity)
         for row, boxes in zip(rows, terrain, strict=True) if self.config is not None else ():
-            depth = depth_in_ground(sim.model, sim.qpos[row], boxes)
+            depth = depth_in_ground(self._data, sim.qpos[row], boxes)
             sim.qpos[row, sim.base_qpos + 2] += max(0.0, depth - self._usual_depth)
 
     def _nominal_qpos(self) -> np.ndarray:
@@ -123,16 +124,17 @@ def _joint_limits(model: mujoco.MjModel, joints: tuple[str, ...]) -> np.ndarray:
     return limits
 
 
-def depth_in_ground(model: mujoco.MjModel, qpos: np.ndarray, terrain: np.ndarray) -> float:
+def depth_in_ground(data: mujoco.MjData, qpos: np.ndarray, terrain: np.ndarray) -> float:
     """How far a robot would have to be raised to touch the ground from above; below 0 for one that is over it.
 
     What meets the ground counts by the box around it, so this is somewhat too much for round shapes.
 
+    :param data: of the robot's model, to work in
     :param qpos: shape (nq,)
     :param terrain: shape (boxes, 5)
     :return: m
     """
-    data = mujoco.MjData(model)
+    model = data.model
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     geoms = ground_geoms(model)
