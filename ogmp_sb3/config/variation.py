@@ -76,18 +76,21 @@ class InitialConfig:
             range_ = getattr(self, name)
             if range_ is None:
                 continue
-            if range_.words:
-                raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
+            _numbers(name, range_)
             for value in (range_.low, range_.high):
                 if abs(value) > limit:
                     raise ValueError(f"'{name}' must lie between -{limit:g} and {limit:g}, found {value:g}.")
 
 
+def _numbers(name: str, range_: Range) -> None:
+    if range_.words:
+        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
+
+
 def _at_least(name: str, range_: Range | None, least: float, above: bool = False) -> None:
     if range_ is None:
         return
-    if range_.words:
-        raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
+    _numbers(name, range_)
     if range_.low < least or (above and range_.low == least):
         raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {range_.low:g}.")
 

@@ -22,6 +22,7 @@ from ogmp_sb3.config.robot_files import ROBOT_FILE, robot_files
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.robot_digest import robot_changes, robot_digest, same_model
 from ogmp_sb3.runs.atomic import fresh, put_in_place, remove
+from ogmp_sb3.runs.storage import checksum
 
 ROBOT = "robot"  # directory of the copy; and the key of its record in config.yaml and policy.json
 SMALL = 2**20  # bytes of a robot that every policy has a copy of; a larger one is in its run alone
@@ -192,4 +193,4 @@ def _sums(files: dict[str, bytes]) -> dict[str, str]:
 
 
 def _sum_of(file: Path) -> str | None:
-    return hashlib.sha256(file.read_bytes()).hexdigest() if is_file(file) else None
+    return checksum(file) if is_file(file) else None
