@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,11 +31,15 @@ class ModeCall:
     """parameter values"""
 
     def segment(self) -> Segment:
-        """What the mode asks for.
+        """What the mode asks for; worked out once.
 
         :raises FunctionFailed: if the mode's function raises an exception
         :raises TypeError: if it returns anything but a Segment
         """
+        return self._segment
+
+    @cached_property
+    def _segment(self) -> Segment:
         segment: Any = call(f"mode '{self.name}'", modes.get(self.name), **self.parameters)
         if not isinstance(segment, Segment):
             raise TypeError(f"what mode '{self.name}' returns must be a Segment; it is {answer_text(segment)}.")
@@ -76,8 +82,8 @@ class ModeSampler:
             name: {key: (easy.modes.get(name, {}).get(key, full), full) for key, full in ranges.items()}
             for name, ranges in task.mode_ranges.items()
         }
-        self._full = np.array([task.sampling.weights.get(name, 1.0) for name in self._names])
-        self._start = np.array([easy.weights.get(*pair) for pair in zip(self._names, self._full, strict=True)])
+        full = [task.sampling.weights.get(name, 1.0) for name in self._names]
+        self._weights = [(easy.weights.get(*pair), pair[1]) for pair in zip(self._names, full, strict=True)]
 
     def draw(self, rng: np.random.Generator, index: int, level: float = 1.0) -> ModeCall:
         """The mode at a place in the sequence of a task variant.
@@ -88,8 +94,8 @@ class ModeSampler:
         """
         own: dict[str, tuple[Range, Range]] = {}  # of a place in a sequence
         if self._order.order == "random":
-            weights = np.cumsum(self._start + level * (self._full - self._start))
-            name = self._names[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
+            weights = list(itertools.accumulate(start + level * (full - start) for start, full in self._weights))
+            name = self._names[bisect_right(weights, rng.random() * weights[-1])]
         else:
             sequence = self._order.sequence
             entry = sequence[index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)]
