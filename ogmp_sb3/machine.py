@@ -126,8 +126,11 @@ def keep_compiled_code() -> bool:
     return False
 
 
-compiled: Any = functools.partial(numba.njit, cache=keep_compiled_code())
-"""``numba.njit`` for this package: ``@compiled`` or ``@compiled(fastmath=True)``."""
+compiled: Any = functools.partial(numba.njit, cache=keep_compiled_code(), error_model="numpy")
+"""``numba.njit`` for this package: ``@compiled`` or ``@compiled(fastmath=True)``.
+
+A division by 0 is infinite or NaN, as in NumPy: to look out for it would keep the compiler from vectorising.
+"""
 
 
 def import_matplotlib() -> None:
