@@ -23,6 +23,7 @@ from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
+from ogmp_sb3.env.mirror import mirror_error
 from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
 from ogmp_sb3.evaluation.evaluate import metric_names
 from ogmp_sb3.guidance.admissible import admissible_rho
@@ -101,6 +102,16 @@ def _middle(range_: Range) -> float | str:
     return range_.words[0] if range_.words else 0.5 * (range_.low + range_.high)
 
 
+def _mirror_image(env: BatchEnv) -> str:
+    """How symmetric the robot is, or why a policy cannot be trained with ``ppo.symmetry``."""
+    try:
+        joints = env.mirrors()[1]
+    except ValueError as error:
+        return f"none: {error}"
+    difference = mirror_error(env.task.robot_config, env.sim.model, joints)
+    return f"left and right differ by at most {100 * difference:.2g} % of the mass matrix"
+
+
 def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     table = Table(title=f"{task.file}: {task.description}", title_justify="left", show_header=False)
     for name, ranges in task.mode_ranges.items():
@@ -120,13 +131,15 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
         table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
     robot = task.robot_config
     table.add_row("robot", f"{robot.name}: {rigid_body(robot, model_srb(robot, env.sim.model))}")
+    table.add_row("mirror image", _mirror_image(env))
     wrong_height = height(robot, foot_clearance(robot, task.physics_dt))
     if wrong_height:
         table.add_row("nominal height", wrong_height)
     standing, dropped = stand(robot, task.physics_dt, (0.0, DROP))
     table.add_row("nominal pose", f"held for 1 s: {stance(standing)}")
     table.add_row(f"dropped {DROP:g} m", f"after 1 s: {stance(dropped)}")
-    table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s")
+    in_test = f" (in the test {task.test_physics_dt:g} s)" if task.test_physics_dt != task.physics_dt else ""
+    table.add_row("time", f"control {task.control_dt:g} s, physics {task.physics_dt:g} s{in_test}")
     admissible = admissible_rho(task)
     table.add_row("admissible rho", admissible.judged(task.rho))
     if admissible.left_out:

@@ -20,6 +20,7 @@ TRAINING_ONLY = {
     "curriculum": "none",
     "restarts": "none",
     "min_step_reward": "none",
+    "physics_dt": "evaluation.physics_dt",
     "episode_steps": "evaluation.episode_steps",
     "track.length": "evaluation.track_length",
     "terminations": "evaluation.terminations",
@@ -47,11 +48,14 @@ def task_for_test(
     :raises ValueError: for a file that cannot be read, or an override that would change nothing
     """
     data = apply_overrides(copy.deepcopy(data), overrides, program)
+    training_only = dict(TRAINING_ONLY)
+    if (data.get("evaluation") or {}).get("physics_dt") is None:
+        del training_only["physics_dt"]  # the test has that of the training
     for override in overrides:
         key, _, text = override.partition("=")
         leaves = {".".join(leaf) for leaf in _leaves([key], read_value(text))}
-        for name in ({key, key.partition(".")[0]} | leaves) & TRAINING_ONLY.keys() - set(used):
-            raise ValueError(f"{program}: '{name}' is for training alone; a test has {TRAINING_ONLY[name]}.")
+        for name in ({key, key.partition(".")[0]} | leaves) & training_only.keys() - set(used):
+            raise ValueError(f"{program}: '{name}' is for training alone; a test has {training_only[name]}.")
     if scene is not None:
         _apply_scene(data, scene, overrides)
     return task_from_data(resolved(data, Where(shown_path(path))), path)

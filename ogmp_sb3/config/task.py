@@ -116,6 +116,8 @@ class EvaluationConfig:
 
     episode_steps: int = 400
     """time limit, control steps"""
+    physics_dt: float | None = None
+    """physics step of the test, s; null: that of the training"""
     track_length: float | None = None
     """m; flat ground follows"""
     terminations: Terms = field(default_factory=dict)
@@ -203,11 +205,8 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         positive("control_dt", self.control_dt)
-        positive("physics_dt", self.physics_dt)
-        ratio = self.control_dt / self.physics_dt
-        if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
-            division = f"{self.control_dt:g} / {self.physics_dt:g} = {ratio:g}"
-            raise ValueError(f"control_dt / physics_dt must be a whole number below {MAX_SUBSTEPS}, found {division}.")
+        self._check_physics_step("physics_dt", self.physics_dt)
+        self._check_physics_step("evaluation.physics_dt", self.test_physics_dt)
         if self.episode_steps < 1:
             raise ValueError(f"'episode_steps' must be at least 1, found {self.episode_steps}.")
         if self.horizon is not None and self.horizon < 1:
@@ -226,16 +225,29 @@ class TaskConfig:
         noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
         if noise and self.observations.get("proprioception") is None:
             raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
-        for key, randomisation in (
-            ("randomisation", self.randomisation),
-            ("evaluation.randomisation", self.evaluation.randomisation),
+        for key, randomisation, physics_dt in (
+            ("randomisation", self.randomisation, self.physics_dt),
+            ("evaluation.randomisation", self.evaluation.randomisation, self.test_physics_dt),
         ):
             if randomisation is not None:
-                randomisation.check_times(key, self.control_dt, self.physics_dt)
+                randomisation.check_times(key, self.control_dt, physics_dt)
         not_negative("bound", self.bound)
         if not any(self.bound.values()):
             raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")
         all_different("feedback", self.feedback)
+
+    def _check_physics_step(self, key: str, physics_dt: float) -> None:
+        positive(key, physics_dt)
+        ratio = self.control_dt / physics_dt
+        if not (0.5 < ratio < MAX_SUBSTEPS and abs(ratio - round(ratio)) <= 1e-6):
+            division = f"{self.control_dt:g} / {physics_dt:g} = {ratio:g}"
+            raise ValueError(f"control_dt / {key} must be a whole number below {MAX_SUBSTEPS}, found {division}.")
+
+    @property
+    def test_physics_dt(self) -> float:
+        """Physics step of the test, s."""
+        own = self.evaluation.physics_dt
+        return self.physics_dt if own is None else own
 
     @property
     def substeps(self) -> int:
@@ -253,6 +265,11 @@ class TaskConfig:
         return self.observations.get("mode_latent") is not None
 
     @property
+    def latent_of_both_sides(self) -> bool:
+        """Whether it observes that of the reference's mirror image too."""
+        return bool((self.observations.get("mode_latent") or {}).get("both_sides", False))
+
+    @property
     def bound_weights(self) -> tuple[float, ...]:
         """Diagonal of W, length 12."""
         return tuple(self.bound.get(name, 0.0) for name in STATE_NAMES)
@@ -260,10 +277,11 @@ class TaskConfig:
     def for_evaluation(self) -> TaskConfig:
         """This task under its test protocol.
 
-        No bound, reward floor, curriculum or restarts; initial states and randomisation of its own.
+        No bound, reward floor, curriculum or restarts; physics step, initial states and randomisation of its own.
         """
         return replace(
             self,
+            physics_dt=self.test_physics_dt,
             rho=None,
             min_step_reward=None,
             curriculum=None,

@@ -52,3 +52,10 @@ def test_a_scene_of_one_s_own_is_read_from_its_file(tmp_path) -> None:
     scene = find("scene", "faster").read_text(encoding="utf-8")
     (tmp_path / "mine.yaml").write_text(scene, encoding="utf-8")
     assert parkour(scene=str(tmp_path / "mine.yaml")).sampling == parkour(scene="faster").sampling
+
+
+def test_a_physics_step_of_the_training_counts_in_a_test_that_has_none_of_its_own() -> None:
+    data = read_yaml(PATH)
+    data["evaluation"]["physics_dt"] = None
+    task = task_for_test(data, PATH, ["physics_dt=0.001"], None, "test")
+    assert task.for_evaluation().physics_dt == 0.001

@@ -36,3 +36,17 @@ def test_the_test_protocol_has_no_bound_no_floor_and_no_curriculum() -> None:
     assert (task.rho, task.min_step_reward, task.curriculum) == (None, None, None)
     assert (task.episode_steps, task.track.length) == (400, 10.0)
     assert list(task.terminations) == ["fall", "off_track"]
+
+
+def test_the_test_has_its_own_physics_step_or_that_of_the_training() -> None:
+    task = load_task("parkour", {"physics_dt": 0.006, "evaluation.physics_dt": 0.001})
+    assert (task.physics_dt, task.for_evaluation().physics_dt, task.for_evaluation().substeps) == (0.006, 0.001, 30)
+    task = load_task("parkour", {"physics_dt": 0.006, "evaluation.physics_dt": None})
+    assert task.for_evaluation().physics_dt == 0.006
+
+
+def test_both_physics_steps_must_divide_the_control_step() -> None:
+    with pytest.raises(ValueError, match=r"control_dt / evaluation.physics_dt must be a whole number"):
+        load_task("parkour", {"evaluation.physics_dt": 0.004})
+    with pytest.raises(ValueError, match=r"'evaluation.physics_dt' must be above 0, found -0.002"):
+        load_task("parkour", {"evaluation.physics_dt": -0.002})
