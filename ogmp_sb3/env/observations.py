@@ -92,7 +92,13 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
 
 
 @observations.register()
-def mode_latent(view: EnvView) -> Signal:
-    """What the task's encoder makes of the coming reference (paper: z_t)."""
+def mode_latent(view: EnvView, both_sides: bool = False) -> Signal:
+    """What the task's encoder makes of the coming reference (paper: z_t).
+
+    :param both_sides: also what it makes of the reference's mirror image, so that the observation has one
+    """
     size = view.latent.shape[1]
-    return Signal(view.latent, np.full(size, 0.5), (Part("mode_latent", "1", size),))
+    parts = [Part("mode_latent", "1", size // 2 if both_sides else size)]
+    if both_sides:
+        parts.append(Part("mirrored_mode_latent", "1", size // 2))
+    return Signal(view.latent, np.full(size, 0.5), tuple(parts))

@@ -42,7 +42,7 @@ def model_srb(robot: RobotConfig, model: mujoco.MjModel) -> SRB:
     :param robot: the robot
     :param model: its model, of :func:`~ogmp_sb3.env.robot_model.build_model`
     """
-    data = _nominal(robot, model)
+    data = nominal_data(robot, model)
     mujoco.mj_comPos(model, data)
     base = model.body(robot.base).id
     centre, axes = data.subtree_com[base], data.xmat[base].reshape(3, 3)
@@ -60,13 +60,13 @@ def foot_clearance(robot: RobotConfig, physics_dt: float) -> float:
     model = build_model(robot, physics_dt, 1)
     box = model.geom("terrain_0").id
     (model.geom_pos[box],), (model.geom_size[box],) = geom_boxes(np.array([GROUND]))
-    data = _nominal(robot, model)
+    data = nominal_data(robot, model)
     feet = foot_geoms(model, robot)
     distances = [mujoco.mj_geomDistance(model, data, foot, box, FARTHEST, None) for foot in feet.tolist()]
     return float(np.min(distances - model.geom_margin[feet]))
 
 
-def _nominal(robot: RobotConfig, model: mujoco.MjModel) -> mujoco.MjData:
+def nominal_data(robot: RobotConfig, model: mujoco.MjModel) -> mujoco.MjData:
     """A robot in its nominal pose at its nominal height."""
     data = mujoco.MjData(model)
     base = model.jnt_qposadr[model.body(robot.base).jntadr[0]]

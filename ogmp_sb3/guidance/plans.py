@@ -18,7 +18,7 @@ from ogmp_sb3.guidance.modes import Segment
 from ogmp_sb3.guidance.oracles import Oracle, Plant
 from ogmp_sb3.guidance.rotations import rpy_to_quat, smallest_rpy
 from ogmp_sb3.guidance.set_points import Reference, SetPoints, set_points, span_array, span_row
-from ogmp_sb3.guidance.srb import POS, RPY, STATE_SIZE
+from ogmp_sb3.guidance.srb import POS, RPY, STATE_MIRROR, STATE_SIZE
 
 
 class CheckedOracle:
@@ -104,7 +104,9 @@ class Plans:
         self._feedback = np.array([name in task.feedback for name in STATE_NAMES])
         self.reference = np.zeros((num_envs, most_steps + 1, STATE_SIZE))
         self.quat = np.zeros((num_envs, most_steps + 1, 4))
-        self.latent = np.zeros((num_envs, self._encoder.size if self._encoder else LATENT_SIZE))
+        self._sides = [1.0, STATE_MIRROR] if task.latent_of_both_sides else [1.0]
+        size = self._encoder.size if self._encoder else LATENT_SIZE
+        self.latent = np.zeros((num_envs, len(self._sides) * size))
         self.period = np.ones(num_envs, dtype=int)  # control steps from a query to the next
         self.phase = np.zeros(num_envs, dtype=int)  # control steps since the last query
 
@@ -141,7 +143,8 @@ class Plans:
         self.reference[rows, :knots] = reference.state
         self.quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
         if self._encoder is not None:
-            self.latent[rows] = self._encoder(reference.state, reference.steps)
+            sides = [self._encoder(side * reference.state, reference.steps) for side in self._sides]
+            self.latent[rows] = np.concatenate(sides, axis=1)
         self.period[rows] = steps
         self.phase[rows] = 0
 

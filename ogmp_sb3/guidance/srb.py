@@ -26,6 +26,8 @@ from ogmp_sb3.guidance.rotations import (
 GRAVITY = 9.81  # m/s^2
 STATE_SIZE = 12
 RPY, POS, OMEGA, VEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+STATE_MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+"""factors on a state that give its mirror image across the plane y = 0"""
 
 
 def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -154,6 +154,7 @@ def _network(policy: Any) -> dict[str, Any]:
         "scale": policy.features_extractor.floor.tolist(),
         "actions": int(policy.action_space.shape[0]),
         "kwargs": {
+            "input_layers": list(policy.input_layers),
             "lstm_hidden_size": policy.lstm_actor.hidden_size,
             "n_lstm_layers": policy.lstm_actor.num_layers,
         },

@@ -130,12 +130,12 @@ def _policy(network: Network, folder: Path) -> LstmPolicy:
         network.check(weights)
     except ValueError as error:
         raise ValueError(f"{folder / INFO}: 'network' does not fit {WEIGHTS} ({error}).") from None
-    scale = np.array(network.scale, dtype=np.float32)
+    scale, size = np.array(network.scale, dtype=np.float32), network.kwargs
     policy = LstmPolicy(
         spaces.Box(-CLIP * scale, CLIP * scale, dtype=np.float32),
         spaces.Box(-1.0, 1.0, (network.actions,), np.float32),
         lambda _: 0.0,
-        **policy_kwargs(scale, network.kwargs.lstm_hidden_size, network.kwargs.n_lstm_layers),
+        **policy_kwargs(scale, size.lstm_hidden_size, size.n_lstm_layers, input_layers=size.input_layers),
     )
     put_weights(policy, weights, folder)
     policy.set_training_mode(False)
@@ -187,6 +187,8 @@ class NetworkSize:
     """of each layer"""
     n_lstm_layers: int
     """of each network"""
+    input_layers: tuple[int, ...] = ()
+    """units of each layer in front of them"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,9 +208,11 @@ class Network:
         :raises ValueError: if they differ
         """
         hidden, last = self.kwargs.lstm_hidden_size, self.kwargs.n_lstm_layers - 1
+        lstm, layers = "lstm_actor.lstm" if self.kwargs.input_layers else "lstm_actor", self.kwargs.input_layers
         expected = {
             "features_extractor.mean": (len(self.scale),),
-            f"lstm_actor.weight_hh_l{last}": (4 * hidden, hidden),
+            f"{lstm}.weight_hh_l{last}": (4 * hidden, hidden),
+            **{f"lstm_actor.layers.{2 * k}.bias": (units,) for k, units in enumerate(layers)},
             "action_net.bias": (self.actions,),
         }
         check_shapes(expected, weights)

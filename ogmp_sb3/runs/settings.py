@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
+from typing import Any
 
 from ogmp_sb3.config.plugins import loaded_plugins
 from ogmp_sb3.config.strict import check_range
@@ -52,6 +53,10 @@ class TrainConfig:
             setting = getattr(self, name)
             if setting != "auto" and not (isinstance(setting, int) and 1 <= setting <= MAX_THREADS):
                 raise ValueError(f"'{name}' must be auto or a whole number from 1 to {MAX_THREADS}, found {setting!r}.")
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data, as in the files."""
+        return asdict(self, dict_factory=lambda items: {k: list(v) if isinstance(v, tuple) else v for k, v in items})
 
 
 def thread_count(setting: str | int) -> int:

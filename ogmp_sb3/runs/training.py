@@ -77,7 +77,7 @@ def begin_or_go_on(job: Job) -> float:
         return train(job, resume=False)
     data = run_config(run_dir)
     name = {"task name": Path(data["task_file"]).stem}
-    wanted = {"task name": job.task.name, "task": job.task_data, "train": asdict(job.config)}
+    wanted = {"task name": job.task.name, "task": job.task_data, "train": job.config.as_data()}
     record = read_record(data, Where(str(run_dir / CONFIG)))
     for key, is_kept in (("robot", record is not None), ("encoder", (run_dir / ENCODER).is_dir())):
         if is_kept and key in job.task_data:  # what it is counts, not where
@@ -143,7 +143,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
         checkpoints.restore(checkpoint)
         origin = {**run_config(run_dir), "task": job.task_data, ROBOT: asdict(record)}
     command = {"overrides": list(job.overrides)} if job.overrides else {}
-    write_yaml(run_dir / CONFIG, {**origin, "train": asdict(config), **command})
+    write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")

@@ -12,8 +12,14 @@ from ogmp_sb3.config.strict import check_range, read
 from ogmp_sb3.config.yaml_files import read_yaml
 
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
-OURS = ("chunk_length", "learning_rate_half_life", "learn_noise")  # settings that sb3-contrib's class does not have
-OF_NETWORK = ("lstm_hidden_size", "n_lstm_layers")
+OURS = (
+    "asymmetric_noise",
+    "chunk_length",
+    "learning_rate_half_life",
+    "learn_noise",
+)  # settings that sb3-contrib's class does not have
+OF_NETWORK = ("input_layers", "lstm_hidden_size", "n_lstm_layers")
+OF_ENVIRONMENT = ("symmetry",)
 PPO_RANGES: dict[str, tuple[float, float]] = {
     "n_steps": (1, 1e5),
     "batch_size": (1, math.inf),
@@ -65,16 +71,26 @@ class PPOConfig:
     """of actor and critic"""
     n_lstm_layers: int
     """of actor and critic"""
+    input_layers: tuple[int, ...] = ()
+    """units of the fully connected layers (ELU) in front of the LSTMs; older runs have none"""
+    symmetry: bool = False
+    """whether the policy is made left-right symmetric, so that every sample counts for both sides; older runs: not"""
+    asymmetric_noise: float = 1.0
+    """with ``symmetry``: exploration noise that is opposite on both sides, as a multiple of what is the same on both"""
 
     def __post_init__(self) -> None:
         for name, (low, high) in PPO_RANGES.items():
             check_range(name, getattr(self, name), low, high)
+        for units in self.input_layers:
+            check_range("input_layers", units, *PPO_RANGES["lstm_hidden_size"])
         for name in ("clip_range", "target_kl", "max_grad_norm"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise ValueError(f"'{name}' must be above 0, found {value:g}.")
         if self.chunk_length is not None and self.chunk_length < 1:
             raise ValueError(f"'chunk_length' must be at least 1 or null, found {self.chunk_length}.")
+        if self.asymmetric_noise <= 0:
+            raise ValueError(f"'asymmetric_noise' must be above 0, found {self.asymmetric_noise:g}.")
         if self.learning_rate <= 0:
             raise ValueError(f"'learning_rate' must be above 0, found {self.learning_rate:g}.")
         if self.learning_rate_half_life is not None and self.learning_rate_half_life <= 0:
@@ -88,7 +104,9 @@ class PPOConfig:
 
     def stock_settings(self) -> dict[str, Any]:
         """Those of them that sb3-contrib's own class has too."""
-        return {name: value for name, value in asdict(self).items() if name not in (*OURS, *OF_NETWORK)}
+        return {
+            name: value for name, value in asdict(self).items() if name not in (*OURS, *OF_NETWORK, *OF_ENVIRONMENT)
+        }
 
 
 def default_ppo() -> PPOConfig:

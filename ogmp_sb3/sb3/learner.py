@@ -13,8 +13,9 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.mirror import Mirror
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
-from ogmp_sb3.sb3.policy import policy_kwargs
+from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 
 K = TypeVar("K", bound=StockRecurrentPPO)
@@ -54,12 +55,23 @@ def make_model(
     batch: BatchEnv = env.get_attr("batch")[0]
     action = batch.task.action
     noise = float(np.log(action.noise / action.scale))
-    network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise)
+    network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise, ppo.input_layers)
     ours = issubclass(kind, RecurrentPPO)
-    settings = ppo.settings() if ours else ppo.stock_settings()
-    model = kind("MlpLstmPolicy", env, seed=seed, device="cpu", policy_kwargs=network, **settings)
+    settings = (
+        {**ppo.settings(), "mirrors": _mirrors(batch) if ppo.symmetry else None} if ours else ppo.stock_settings()
+    )
+    policy = LstmPolicy if ppo.input_layers else "MlpLstmPolicy"  # sb3-contrib's own of this name has no layers
+    model = kind(policy, env, seed=seed, device="cpu", policy_kwargs=network, **settings)
     if not ours:
         half_life = ppo.learning_rate_half_life or math.inf
         model.policy.log_std.requires_grad_(ppo.learn_noise)
         model.lr_schedule = lambda _: ppo.learning_rate * 0.5 ** (model.num_timesteps / half_life)
     return model
+
+
+def _mirrors(batch: BatchEnv) -> tuple[Mirror, Mirror]:
+    """:raises ValueError: if the task has no mirror image"""
+    try:
+        return batch.mirrors()
+    except ValueError as error:
+        raise ValueError(f"{batch.task.file}: {str(error).rstrip('.')}; train with ppo.symmetry=false.") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch as th
 from gymnasium import spaces
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 LstmStates = tuple[th.Tensor, th.Tensor]
@@ -55,13 +57,55 @@ class Normaliser(BaseFeaturesExtractor):
         self.count.copy_(total)
 
 
+class LayeredLstm(nn.Module):
+    """Fully connected layers with ELU, and an LSTM behind them; called as an ``nn.LSTM`` is.
+
+    :param inputs: length of an input
+    :param layers: units of each layer, at least one
+    :param hidden_size: of the LSTM
+    :param num_layers: of the LSTM
+    """
+
+    def __init__(self, inputs: int, layers: Sequence[int], hidden_size: int, num_layers: int) -> None:
+        super().__init__()
+        self.input_size, self.hidden_size, self.num_layers = inputs, hidden_size, num_layers
+        sizes = pairwise([inputs, *layers])
+        self.layers = nn.Sequential(*(part for pair in sizes for part in (nn.Linear(*pair), nn.ELU())))
+        self.lstm = nn.LSTM(layers[-1], hidden_size, num_layers)
+
+    def forward(self, inputs: th.Tensor, states: LstmStates) -> tuple[th.Tensor, LstmStates]:
+        output: tuple[th.Tensor, LstmStates] = self.lstm(self.layers(inputs), states)
+        return output
+
+
 class LstmPolicy(RecurrentActorCriticPolicy):
-    """``MlpLstmPolicy`` whose LSTM runs once over a batch of sequences.
+    """``MlpLstmPolicy`` whose LSTM runs once over a batch of sequences, and which may have layers in front of it.
 
     sb3-contrib steps through time in Python whenever a minibatch holds an episode start. But its sequences are cut
     at episode starts, so a start can only be their first step: zeroing the initial state of those sequences and
     calling the LSTM once is exact.
+
+    :param input_layers: units of fully connected layers in front of the LSTMs of actor and critic, each its own; the
+        other parameters are those of ``MlpLstmPolicy``
     """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        lr_schedule: Schedule,
+        *args: Any,
+        input_layers: Sequence[int] = (),
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(observation_space, action_space, lr_schedule, *args, **kwargs)
+        self.input_layers = tuple(input_layers)
+        if input_layers:
+            hidden, layers = self.lstm_actor.hidden_size, self.lstm_actor.num_layers
+            for name in ("lstm_actor", *(["lstm_critic"] if self.lstm_critic is not None else [])):
+                setattr(self, name, LayeredLstm(self.features_dim, input_layers, hidden, layers))
+            optimizer: Any = self.optimizer_class
+            self.optimizer = optimizer(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     @staticmethod
     def _process_sequence(  # type: ignore[override]
@@ -84,14 +128,20 @@ class LstmPolicy(RecurrentActorCriticPolicy):
 
 
 def policy_kwargs(
-    scale: np.ndarray, lstm_hidden_size: int, n_lstm_layers: int, log_std_init: float = 0.0
+    scale: np.ndarray,
+    lstm_hidden_size: int,
+    n_lstm_layers: int,
+    log_std_init: float = 0.0,
+    input_layers: Sequence[int] = (),
 ) -> dict[str, Any]:
-    """The network of the paper: LSTM actor and critic without further layers, with a normaliser in front.
+    """LSTMs for actor and critic behind a normaliser, as in the paper, and layers between them if wanted.
 
     :param scale: typical sizes of the observation's components
+    :param input_layers: units of each
     """
     return {
         "net_arch": [],
+        **({"input_layers": tuple(input_layers)} if input_layers else {}),  # sb3-contrib's policy has none
         "lstm_hidden_size": lstm_hidden_size,
         "n_lstm_layers": n_lstm_layers,
         "enable_critic_lstm": True,

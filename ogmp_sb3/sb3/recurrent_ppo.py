@@ -22,9 +22,11 @@ from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from ogmp_sb3.env.mirror import Mirror
 from ogmp_sb3.sb3.finite_updates import undone_unless_finite
 from ogmp_sb3.sb3.policy import LstmPolicy, LstmStates, Normaliser
 from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer
+from ogmp_sb3.sb3.symmetry import SymmetricNoise, Symmetry
 
 
 class RecurrentPPO(StockRecurrentPPO):
@@ -39,6 +41,10 @@ class RecurrentPPO(StockRecurrentPPO):
         chunks of that many steps (truncated back-propagation from the stored state), shuffled in every epoch
     :param learning_rate_half_life: samples over which the learning rate halves; None: as in sb3-contrib
     :param learn_noise: whether the exploration noise is learned; False: it stays as it begins
+    :param mirrors: the mirror images of an observation and of an action, for a policy that is left-right symmetric
+        (:mod:`ogmp_sb3.sb3.symmetry`); None: it need not be
+    :param asymmetric_noise: with ``mirrors``, see :class:`~ogmp_sb3.sb3.symmetry.SymmetricNoise`
+    :raises ValueError: if a policy of this kind cannot be symmetric
     """
 
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
@@ -61,15 +67,17 @@ class RecurrentPPO(StockRecurrentPPO):
         chunk_length: int | None = None,
         learning_rate_half_life: int | None = None,
         learn_noise: bool = True,
+        mirrors: tuple[Mirror, Mirror] | None = None,
+        asymmetric_noise: float = 1.0,
         **kwargs: Any,
     ) -> None:
-        self.chunk_length = chunk_length
+        self.chunk_length, self.mirrors, self.asymmetric_noise = chunk_length, mirrors, asymmetric_noise
         self.learning_rate_half_life, self.learn_noise = learning_rate_half_life, learn_noise
         self.undone_updates = self.undone_in_a_row = 0  # because something was not finite
         super().__init__(*args, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "lr_schedule"]  # it is set up anew
+        return [*super()._excluded_save_params(), "lr_schedule", "_symmetry"]  # set up anew
 
     def _setup_lr_schedule(self) -> None:
         super()._setup_lr_schedule()
@@ -89,6 +97,13 @@ class RecurrentPPO(StockRecurrentPPO):
             and not self.use_sde
             and not any(p.requires_grad for p in self.policy.features_extractor.parameters())
         )
+        self._symmetry: Symmetry | None = None
+        if self.mirrors is not None:
+            if not self._fast:
+                raise ValueError("'mirrors' needs a policy with LSTMs of their own for actor and critic.")
+            self._symmetry = Symmetry(self.policy, *self.mirrors)
+            self._symmetry.symmetrise_weights()
+            self.policy.action_dist = SymmetricNoise(self.mirrors[1], self.asymmetric_noise)
         if self._fast:
             self.rollout_buffer = SequenceBuffer(
                 self.n_steps,
@@ -213,7 +228,8 @@ class RecurrentPPO(StockRecurrentPPO):
             extractor = self.policy.features_extractor
             if isinstance(extractor, Normaliser):
                 observations = self.rollout_buffer.observations.reshape(-1, extractor.mean.shape[0])
-                extractor.update(th.as_tensor(observations, device=self.device))
+                observations = th.as_tensor(observations, device=self.device)
+                extractor.update(observations if self._symmetry is None else self._symmetry.both_sides(observations))
         self.logger.record("train/undone_updates", self.undone_updates)
 
     def _train_on_sequences(self) -> None:
@@ -250,6 +266,8 @@ class RecurrentPPO(StockRecurrentPPO):
             critic = pool.submit(self._critic_gradients, batch, features) if pool else None
             log, kl = self._actor_gradients(batch, features, clip_range)
             value_loss = critic.result() if critic else self._critic_gradients(batch, features)
+            if self._symmetry is not None:
+                self._symmetry.symmetrise_gradients()
             norm = th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
             if not th.isfinite(th.stack([norm, log["policy_gradient_loss"], value_loss])).all():
                 losses = f"policy loss {log['policy_gradient_loss']:g}, value loss {value_loss:g}"

@@ -52,12 +52,18 @@ def whole(folder: Path) -> bool:
     return (folder / "policy.safetensors").is_file() and (folder / "policy.json").is_file()
 
 
-def make_policy(folder: Path, name: str, layers: int, *overrides: str) -> Path:
-    """A policy with random weights whose actions reach their limits now and then."""
+def make_policy(folder: Path, name: str, layers: int, *overrides: str, input_layers: tuple[int, ...] = ()) -> Path:
+    """A policy with random weights whose actions reach their limits now and then.
+
+    :param layers: of the LSTMs
+    :param input_layers: units of the layers in front of them
+    """
     path = TASKS_DIR / f"{name}.yaml"
     data = apply_overrides(read_yaml(path), overrides, name)
     env = OgmpVecEnv(task_from_data(data, path), num_envs=4, threads=1)
-    kwargs = policy_kwargs(env.batch.observation_scale, lstm_hidden_size=32, n_lstm_layers=layers)
+    kwargs = policy_kwargs(
+        env.batch.observation_scale, lstm_hidden_size=32, n_lstm_layers=layers, input_layers=input_layers
+    )
     model = RecurrentPPO("MlpLstmPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, policy_kwargs=kwargs)
     model.learn(64)
     with th.no_grad():

@@ -8,7 +8,7 @@ import torch as th
 from gymnasium import spaces
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 
-from ogmp_sb3.sb3.policy import LstmPolicy, Normaliser
+from ogmp_sb3.sb3.policy import LayeredLstm, LstmPolicy, Normaliser
 
 NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}
 
@@ -58,3 +58,15 @@ def test_normaliser_never_divides_by_less_than_the_scale() -> None:
     module = normaliser(0.1)
     module.update(th.full((1000, 3), 0.5))
     assert module(th.full((1, 3), 0.8)).tolist() == [[pytest.approx(3.0, rel=1e-4)] * 3]
+
+
+def test_layers_in_front_of_an_lstm_are_what_they_say() -> None:
+    memory = LayeredLstm(5, (7, 6), hidden_size=4, num_layers=1)
+    x, states = th.randn(3, 2, 5), (th.randn(1, 2, 4), th.randn(1, 2, 4))
+    first, second = (layer for layer in memory.layers if isinstance(layer, th.nn.Linear))
+    units = th.nn.functional.elu(x @ first.weight.T + first.bias)
+    units = th.nn.functional.elu(units @ second.weight.T + second.bias)
+    expected, (hidden, cell) = memory.lstm(units, states)
+    output, (next_hidden, next_cell) = memory(x, states)
+    for found, wanted in ((output, expected), (next_hidden, hidden), (next_cell, cell)):
+        th.testing.assert_close(found, wanted)

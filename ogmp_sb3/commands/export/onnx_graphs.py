@@ -49,6 +49,11 @@ class _Graph:
         low, high = (self.constant(f"{output}_{end}", np.array(s * limit)) for end, s in (("low", -1), ("high", 1)))
         return self.add("Clip", [x, low, high], output)
 
+    def linear(self, name: str, x: str, layer: Any) -> str:
+        """A PyTorch ``nn.Linear``."""
+        weights = (self.constant(f"{name}_{key}", w.detach().numpy()) for key, w in layer.named_parameters())
+        return self.add("Gemm", [x, *weights], name, transB=1)
+
     def lstm(self, name: str, x: str, weights: tuple[np.ndarray, ...], states: tuple[str, ...] = ()) -> str:
         """One LSTM layer; its outputs are ``<name>``, ``<name>_h`` and ``<name>_c``.
 
@@ -105,14 +110,18 @@ def actor_model(policy: Any) -> onnx.ModelProto:
 
     :param policy: a :class:`~ogmp_sb3.sb3.policy.LstmPolicy`
     """
-    normaliser, lstm, head = policy.features_extractor, policy.lstm_actor, policy.action_net
-    size, layers, hidden, actions = normaliser.features_dim, lstm.num_layers, lstm.hidden_size, head.out_features
+    normaliser, memory, head = policy.features_extractor, policy.lstm_actor, policy.action_net
+    size, layers, hidden, actions = normaliser.features_dim, memory.num_layers, memory.hidden_size, head.out_features
+    lstm = memory.lstm if policy.input_layers else memory
     tensors = {name: tensor.detach().numpy() for name, tensor in lstm.named_parameters()}
     mean, variance, floor = (t.numpy() for t in (normaliser.mean, normaliser.variance, normaliser.floor))
 
     graph = _Graph()
     x = graph.normalise("obs", mean, np.maximum(np.sqrt(variance), floor))
-    x = graph.unsqueeze(graph.clip(x, normaliser.clip, "features"), 0, "sequence")
+    x = graph.clip(x, normaliser.clip, "features")
+    for k in range(len(policy.input_layers)):
+        x = graph.add("Elu", [graph.linear(f"layer_{k}", x, memory.layers[2 * k])], f"layer_{k}_units")
+    x = graph.unsqueeze(x, 0, "sequence")
     graph.constant("one_each", np.ones(layers, dtype=int))
     for state in ("h", "c"):
         graph.add("Split", [state, "one_each"], *(f"{state}_{k}" for k in range(layers)), axis=0)
@@ -122,9 +131,7 @@ def actor_model(policy: Any) -> onnx.ModelProto:
         x = graph.lstm(f"lstm_{k}", x, weights, (f"h_{k}", f"c_{k}"))
     for state in ("h", "c"):
         graph.add("Concat", [f"lstm_{k}_{state}" for k in range(layers)], f"{state}_next", axis=0)
-    linear = [graph.constant(name, tensor.detach().numpy()) for name, tensor in head.named_parameters()]
-    mean_action = graph.add("Gemm", [graph.squeeze(x, 0, "output"), *linear], "mean_action", transB=1)
-    graph.clip(mean_action, 1.0, "action")
+    graph.clip(graph.linear("mean_action", graph.squeeze(x, 0, "output"), head), 1.0, "action")
     state_shape = (layers, 1, hidden)
     return graph.model(
         "actor",

@@ -15,11 +15,11 @@ from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 
 @pytest.fixture(scope="session")
 def policies(tmp_path_factory) -> dict[str, Path]:
-    """By name: of both tasks, and one that does not see the latent."""
+    """By name: of both tasks, one with layers in front of its LSTM, and one that does not see the latent."""
     folder = tmp_path_factory.mktemp("policies")
     return {
         "parkour": make_policy(folder / "parkour", "parkour", 2),
-        "dive": make_policy(folder / "dive", "dive", 1),
+        "dive": make_policy(folder / "dive", "dive", 1, input_layers=(24, 16)),
         "blind": make_policy(folder / "blind", "parkour", 3, "observations.mode_latent=null", "action.scale=0.5"),
     }
 
