@@ -83,7 +83,7 @@ def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
     for text in ("rho=0.3", "preview", "30 control steps", "deviates by 0.52 to 1.56", "mujoco", "512", "run.mp4"):
         assert text in html
     titles = re.findall(r"<h2>(.*?)</h2>", html)
-    assert titles == ["Run", "Training", "Evaluation", "Motion", "Mode parameters", "Mode latent", "Video"]
+    assert titles == ["Run", "Training", "Evaluation", "Falls", "Motion", "Mode parameters", "Mode latent", "Video"]
 
 
 def test_the_curves_are_those_of_progress_csv(run_page: Path) -> None:
@@ -261,6 +261,14 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
         (["run={sweep}"], "is a multirun: give it as sweep="),
         (["sweep={sweep}/0"], "is one run, not a multirun: give it as run="),
         (["sweep={sweep}", "grids=false"], "'grids' is of a run: a report on a sweep does not use it"),
+        (["run=a", "runs=b"], "give either 'run' or 'sweep', or 'runs' to compare some"),
+        (["runs={sweep}", "endless=3"], "'endless' is of a run: a report on several runs does not use it"),
+        (["runs=nowhere*"], "'runs': no directory 'nowhere"),
+        (["runs=[{sweep}/0, b]"], "'runs': no directory 'b'. A directory with a comma in its name is put in quotes"),
+        (["runs=[1, 2]"], "'runs' must be directories, .a,b., or a pattern, found .1, 2."),
+        (["run={sweep}/0", "max_distance=50"], "'max_distance' is of endless tracks: give 'endless'"),
+        (["run={sweep}/0", "endless=0"], "'endless' must be at least 1, found 0"),
+        (["run=dive", "endless=5"], "'endless' is for tracks: the modes of 'dive' take a time"),
         (["run={sweep}/0", "variants=oracel"], "unknown variant 'oracel'"),
         (["run={sweep}/0", "episodes=0"], "'episodes' must be at least 1"),
         (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),
