@@ -2,8 +2,8 @@
 
 An instance of a mode counts if it is known how it ended: the base got to its end, or the episode ended by a fall in it.
 The one in which an episode ends by its time limit is left out. Where the base is at the end of the episode decides
-which instance it fell in (in timed modes, the time). A robot that stumbles over a block may come down some steps behind
-it, in the next mode: that shows in the falls by the mode before.
+which instance it fell in (in timed modes, the time). A robot that stumbles over a block, or lands badly, may come down
+some steps behind it, in the next mode. So an instance also has whether the robot fell in the one right behind it.
 
 A fall is here, as in ``no_fall_fraction``, whatever ends an episode before its time.
 """
@@ -42,6 +42,8 @@ class Passage(NamedTuple):
     """name of the mode before it"""
     fell: bool
     """whether the episode ended by a fall in it"""
+    fell_behind: bool
+    """whether it ended by a fall in the instance right behind it"""
 
 
 def passages(record: EpisodeRecord) -> list[Passage]:
@@ -60,12 +62,12 @@ def passages(record: EpisodeRecord) -> list[Passage]:
         if record.track_length is not None:
             behind = 1 + int(np.searchsorted(ends, record.track_length, side="left"))
     fell = not no_fall_fraction(record)
-    here = [fell and i == under_way for i in range(len(calls))]
+    here = [fell and i == under_way for i in range(len(calls) + 1)]
     names = [START, *(call.name for call in calls)]
-    found = [Passage(*each) for each in zip(calls, names, here, strict=False)]
+    found = [Passage(*each) for each in zip(calls, names, here, here[1:], strict=False)]
     found = [each for i, each in enumerate(found[:behind]) if passed[i] or here[i]]
     if behind < len(calls) and passed[behind - 1]:
-        found.append(Passage(ModeCall(BEHIND, {}), names[behind], fell and under_way >= behind))
+        found.append(Passage(ModeCall(BEHIND, {}), names[behind], fell and under_way >= behind, False))
     return found
 
 
@@ -81,6 +83,8 @@ class FallRow:
     """from the first value up to the second, in the parameter's unit; or a word; None: all"""
     falls: int
     """instances in which a robot fell"""
+    falls_behind: int
+    """instances that a robot passed and fell right behind, in the next one"""
     share: Estimate
     """of the instances, with Wilson's interval; ``n`` is how many there are"""
 
@@ -92,7 +96,7 @@ class FallRow:
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in JSON files."""
         value = list(self.value) if isinstance(self.value, tuple) else self.value
-        return {"mode": self.mode, "by": self.by, "value": value, "falls": self.falls, "share": self.share.as_data()}
+        return {**vars(self), "value": value, "share": self.share.as_data()}
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> FallRow:
@@ -101,7 +105,7 @@ class FallRow:
         :raises KeyError: if something is missing
         """
         value = tuple(data["value"]) if isinstance(data["value"], list) else data["value"]
-        return cls(data["mode"], data["by"], value, data["falls"], Estimate.from_data(data["share"]))
+        return cls(**{**data, "value": value, "share": Estimate.from_data(data["share"])})
 
 
 def fall_rows(task: TaskConfig, records: Iterable[EpisodeRecord]) -> list[FallRow]:
@@ -124,8 +128,8 @@ def fall_rows(task: TaskConfig, records: Iterable[EpisodeRecord]) -> list[FallRo
 
 
 def _row(mode: str, by: str, value: tuple[float, float] | str | None, some: list[Passage]) -> FallRow:
-    share = estimate(passage.fell for passage in some)
-    return FallRow(mode, by, value, sum(passage.fell for passage in some), share)
+    falls, behind = (sum(getattr(passage, name) for passage in some) for name in ("fell", "fell_behind"))
+    return FallRow(mode, by, value, falls, behind, estimate(passage.fell for passage in some))
 
 
 def _by_size(
@@ -175,7 +179,7 @@ def falls_csv(rows: Iterable[FallRow]) -> list[dict[str, Any]]:
             "to": row.value[1] if isinstance(row.value, tuple) else None,
             "word": row.value if isinstance(row.value, str) else None,
             "instances": row.share.n, "falls": row.falls, "rate": row.share.mean,
-            "ci95_low": row.share.low, "ci95_high": row.share.high,
+            "ci95_low": row.share.low, "ci95_high": row.share.high, "falls_behind": row.falls_behind,
         }
         for row in rows
     ]  # fmt: skip
@@ -199,7 +203,8 @@ def falls_tables(report: Report) -> Group:
     fallen = sum(row.falls for row in rows if not row.by)
     counted = report["episodes"] - report["copies"]
     copies = copies_text(report["copies"], report["episodes"])
-    text = f"{fallen} of {counted} episodes ended by a fall. Intervals are Wilson's, over instances. {copies}"
+    text = f"{fallen} of {counted} episodes ended by a fall. Intervals are Wilson's, over instances. 'Right behind': "
+    text += f"passed, but the robot fell in the next mode. {copies}"
     return Group(*tables, Text(text.rstrip()))
 
 
@@ -211,7 +216,7 @@ def _table(title: str, rows: list[FallRow]) -> Table:
     elif rows[0].by:
         labels |= {"parameter": lambda row: row.by, "size": lambda row: row.title}
     table = Table(title=title, title_justify="left")
-    for column in (*labels, "instances", "falls", "rate", "95 % interval"):
+    for column in (*labels, "instances", "falls", "rate", "95 % interval", "right behind"):
         table.add_column(column, justify="left" if column in labels else "right")
     above: list[str] = []
     for row in rows:
@@ -219,5 +224,6 @@ def _table(title: str, rows: list[FallRow]) -> Table:
         same = 0 if cells[:1] != above[:1] else 1 if cells[:2] != above[:2] else 2
         above = cells
         numbers = [str(row.share.n), str(row.falls), as_text([row.share.mean])]
-        table.add_row(*([""] * same), *cells[same:], *numbers, as_text([row.share.low, row.share.high], 3, " .. "))
+        numbers += [as_text([row.share.low, row.share.high], 3, " .. "), str(row.falls_behind)]
+        table.add_row(*([""] * same), *cells[same:], *numbers)
     return table

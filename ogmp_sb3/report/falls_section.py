@@ -17,7 +17,7 @@ from ogmp_sb3.runs.callbacks import progress_bar
 
 LABELS = {DISTANCE: "distance along the track (m)", TIME: "time (s)"}
 UNITS = {DISTANCE: "m", TIME: "s"}
-COLUMNS = ["instances", "falls", "rate", "95 % interval over instances"]
+COLUMNS = ["instances", "falls", "rate", "95 % interval over instances", "passed, but fell right behind"]
 
 
 def falls(rows: Sequence[FallRow], out: Path, name: str = "falls") -> Section | None:
@@ -29,8 +29,9 @@ def falls(rows: Sequence[FallRow], out: Path, name: str = "falls") -> Section | 
     parts = falls_parts(rows, out, name)
     text = (
         "An instance of a mode counts if the robot got to its end or fell in it. Where its base is at the end of the "
-        "episode decides: who stumbles over a block may come down some steps behind it, in the next mode. A fall is "
-        "whatever ends an episode before its time. Intervals are Wilson's, over the instances of all episodes."
+        "episode decides: who stumbles over a block may come down some steps behind it, in the next mode (passed, but "
+        "fell right behind). A fall is whatever ends an episode before its time. Intervals are Wilson's, over the "
+        "instances of all episodes."
     )
     return Section("Falls", text, parts) if parts else None
 
@@ -41,14 +42,14 @@ def falls_parts(rows: Sequence[FallRow], out: Path, name: str) -> list[Table | P
         return []
     caption = (
         f"Falls per instance of a mode, with 95 % intervals over instances: by mode, by each parameter that varies (in "
-        f"{BINS} sizes of its range), and by the mode before. Below: in how many instances the robot fell, out of how "
-        "many."
+        f"{BINS} sizes of its range), and by the mode before. Circles count falls right behind, in the next mode, too. "
+        "Below: in how many instances the robot fell, out of how many."
     )
     picture = make_picture(out, name, caption, falls_csv(rows), lambda path: plot_falls(rows, path))
     by_mode = dict(kinds_of(rows))["falls by mode"]
     cells = [
         [row.mode, str(row.share.n), str(row.falls), as_text([row.share.mean]),
-         as_text([row.share.low, row.share.high], 3, " … ")]
+         as_text([row.share.low, row.share.high], 3, " … "), str(row.falls_behind)]
         for row in by_mode
     ]  # fmt: skip
     return [picture, Table(cells, ["mode", *COLUMNS], "Sizes and modes before are in the file of the picture.")]

@@ -61,6 +61,17 @@ def test_the_place_of_the_base_decides_where_it_fell(x: Any, termination: str, e
     assert found(episode(x, termination, PACE, JUMP, LEAP, PACE)) == expected
 
 
+def test_who_falls_behind_a_mode_that_was_passed_is_counted_there_too() -> None:
+    def behind(each: EpisodeRecord) -> list[bool]:
+        return [passage.fell_behind for passage in passages(each)]
+
+    assert behind(episode(2.1, "fall", PACE, JUMP, LEAP, PACE)) == [False, True, False]
+    assert behind(episode(2.1, "time_limit", PACE, JUMP, LEAP, PACE)) == [False, False]
+    flat = {"mode": "pace", "v": 1.0, "length": 1.0}
+    assert behind(episode(2.2, "fall", PACE, JUMP, flat, flat, track_length=2.0)) == [False, True, False]
+    assert behind(episode(3.2, "fall", PACE, JUMP, flat, flat, track_length=2.0)) == [False, False, False]  # far behind
+
+
 def test_the_flat_ground_behind_a_track_is_no_instance_of_a_mode() -> None:
     behind = [{"mode": "pace", "v": 1.0, "length": 1.0}] * 3
     track = (PACE, JUMP, *behind)
@@ -119,8 +130,9 @@ def test_words_are_kinds_of_their_own() -> None:
         return record(phase=np.array([0, 1]), reward=np.zeros(2), termination="fall", modes=modes)
 
     rows = fall_rows(load_task("dive"), [dive("left", "time_limit"), dive("front", "fall"), in_flip("left")])
-    assert [(row.mode, row.by, row.value, row.falls, row.share.n) for row in rows] == [
-        ("flip", "", None, 1, 3), ("flip", "r", "front", 0, 1), ("flip", "r", "left", 1, 2), ("settle", "", None, 1, 1),
+    assert [(row.mode, row.by, row.value, row.falls, row.falls_behind, row.share.n) for row in rows] == [
+        ("flip", "", None, 1, 1, 3), ("flip", "r", "front", 0, 1, 1), ("flip", "r", "left", 1, 0, 2),
+        ("settle", "", None, 1, 0, 1),
     ]  # fmt: skip
 
 

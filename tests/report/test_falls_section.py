@@ -17,7 +17,7 @@ from ogmp_sb3.report.page import Picture, Table
 
 
 def row(mode: str, by: str, value: tuple[float, float] | str | None, fell: int, n: int) -> FallRow:
-    return FallRow(mode, by, value, fell, estimate(i < fell for i in range(n)))
+    return FallRow(mode, by, value, fell, 1, estimate(i < fell for i in range(n)))
 
 
 ROWS = [
@@ -41,7 +41,8 @@ def test_falls_have_a_picture_with_all_rows_and_a_table_of_modes(tmp_path: Path)
     picture, table = section.parts
     assert isinstance(picture, Picture) and isinstance(table, Table)
     assert [cells[:4] for cells in table.rows] == [["jump", "10", "2", "0.200"], [BEHIND, "3", "0", "0.000"]]
-    assert "over instances" in table.columns[-1]
+    assert table.columns[-2:] == ["95 % interval over instances", "passed, but fell right behind"]
+    assert [cells[-1] for cells in table.rows] == ["1", "1"]
     found = read_csv(tmp_path / "falls.csv")
     assert len(found) == len(ROWS)
     assert [found[2][key] for key in ("mode", "by", "from", "to", "instances", "falls")] == [

@@ -18,6 +18,8 @@ from ogmp_sb3.report.plots.style import COLOURS, MODE_COLOURS, colours_of, in_st
 def plot_falls(rows: Sequence[FallRow], path: Path) -> None:
     """Rate of falls with 95 % intervals: by mode, then in each mode by its parameters and by the mode before it.
 
+    Circles count falls right behind an instance, in the next mode, too.
+
     :param rows: of an evaluation
     :param path: picture to write
     """
@@ -31,7 +33,8 @@ def plot_falls(rows: Sequence[FallRow], path: Path) -> None:
     for axes, panel in zip(others, panels, strict=True):
         _draw(axes, panel, [row.title for row in panel], [colours[row.mode] for row in panel])
         axes.set(title=f"{panel[0].mode}, by {panel[0].by}")
-    top = 1.05 * max((row.share.high or 0.0 for row in rows), default=1.0)
+    reach = [max(row.share.high or 0.0, row.share.mean + row.falls_behind / row.share.n) for row in rows]
+    top = 1.05 * max(reach, default=1.0)
     for axes in (first, *others):
         axes.set_ylim(-0.03 * top, top)
     save(figure, path)
@@ -43,6 +46,8 @@ def _draw(axes: Axes, rows: Sequence[FallRow], labels: list[str], colours: list[
         rate, ends = row.share.mean, np.array([row.share.low, row.share.high], dtype=float)
         errors = np.maximum([[rate - ends[0]], [ends[1] - rate]], 0.0)  # not below 0, by rounding
         axes.errorbar([place], [rate], errors, fmt="o", markersize=4, capsize=3, color=colour)
+        within = rate + row.falls_behind / row.share.n
+        axes.plot([place], [within], "o", markersize=7, markerfacecolor="none", markeredgecolor=colour)
     counted = [f"{label}\n{row.falls} of {row.share.n}" for label, row in zip(labels, rows, strict=True)]
     axes.set_xticks(range(len(rows)), counted, fontsize="x-small")
     axes.set_xlim(-0.5, max(len(rows), 1) - 0.5)
