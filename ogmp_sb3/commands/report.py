@@ -195,7 +195,7 @@ def _report_jobs(
 def run_folders(text: str) -> list[Path]:
     """The directories of runs to compare.
 
-    :param text: ``[a, b]``, a pattern, or one directory
+    :param text: ``[a, b]``, a pattern, which other directories that it matches are left out of, or one directory
     :raises ValueError: if the list cannot be read, or nothing matches a pattern
     """
     entries = read_value(text) if text.startswith("[") else [text]
@@ -206,10 +206,12 @@ def run_folders(text: str) -> list[Path]:
         if Path(entry).is_dir():
             found.append(Path(entry))
             continue
-        matches = sorted(path for path in map(Path, glob(entry)) if path.is_dir())
+        matches = sorted(
+            path for path in map(Path, glob(entry)) if any((path / f).is_file() for f in (CONFIG, MULTIRUN))
+        )
         if not matches:
             comma = ' A directory with a comma in its name is put in quotes: ["a,b"].' if text.startswith("[") else ""
-            raise ValueError(f"'runs': no directory '{entry}'.{comma}")
+            raise ValueError(f"'runs': no directory of a run is '{entry}'.{comma}")
         found += matches
     return found
 

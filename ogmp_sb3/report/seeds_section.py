@@ -72,7 +72,8 @@ def seed_groups(
 
 
 def _statistics(subject: EvaluatedPolicy, evaluations: Sequence[Evaluation]) -> dict[str, SeedStatistics]:
-    same_tracks = not any(each.copies for each in evaluations) and len({each.episodes for each in evaluations}) == 1
+    disturbed = subject.task.evaluation.randomisation is not None  # draws for as long as a robot runs
+    same_tracks = not disturbed and not any(each.copies for each in evaluations)
     names = [name for name in evaluations[0].values if all(name in each.values for each in evaluations)]
     return {
         name: seed_statistics(
