@@ -22,7 +22,7 @@ from scipy.special import stdtrit
 from ogmp_sb3.evaluation.statistics import Estimate, Limits, estimate
 
 FEW = 5  # seeds: fewer are few, and are said to be
-RESAMPLES = 5000  # of a bootstrap
+RESAMPLES = 2000  # of a bootstrap
 SHARE = (0.0, 1.0)  # limits of a share
 
 

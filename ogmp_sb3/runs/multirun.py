@@ -124,12 +124,13 @@ def _settings(job: Run) -> dict[str, str]:
 
 
 def _leaves(data: dict[str, Any], above: str = "") -> dict[str, str]:
-    """The values of nested mappings by dotted key."""
+    """The values of nested mappings by dotted key; null is as if it were not there."""
     found: dict[str, str] = {}
     for key, value in data.items():
-        found |= (
-            _leaves(value, f"{above}{key}.") if isinstance(value, dict) and value else {f"{above}{key}": str(value)}
-        )
+        if isinstance(value, dict) and value:
+            found |= _leaves(value, f"{above}{key}.")
+        elif value is not None:
+            found[f"{above}{key}"] = str(value)
     return found
 
 

@@ -180,6 +180,7 @@ def test_jobs_that_differ_in_more_than_their_command_lines_say_are_told_apart(tm
     for seed, run in enumerate(runs):
         edit_config(run, lambda data, seed=seed: data["train"].update(seed=seed, torch_threads=seed))
         edit_config(run, lambda data, seed=seed: data["task"].update(description=f"tried {seed} times"))
+    edit_config(runs[0], lambda data: data["task"].update(min_step_reward=None))  # off, as where it is not known yet
     assert swept_keys([read_run(run) for run in runs]) == ["seed"]
     edit_config(runs[2], lambda data: data["task"]["action"].update(scale=1.5))
     edit_config(runs[1], lambda data: data["task"].update(observations={"clock": {}}))
