@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -14,14 +13,17 @@ from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.analysis import Analysis, Report, Request
+from ogmp_sb3.evaluation.endless import MAX_DISTANCE, endless
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.epsilon import epsilon_rows, epsilon_tables, measure_epsilon
 from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_names
+from ogmp_sb3.evaluation.falls import falls_csv, falls_of, falls_tables, measure_falls
 from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, grid_copies_text, measure_grid
 from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_copies_text, robustness_rows
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.plots.evaluations import plot_epsilon, plot_grids, plot_robustness
+from ogmp_sb3.report.plots.falls import plot_falls
 from ogmp_sb3.runs.callbacks import progress_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out
@@ -29,8 +31,6 @@ from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import save_json
 
 PROGRAM = "ogmp-eval"
-SLOWEST = 0.1  # m/s: an endless episode slower than this is over
-MAX_DISTANCE = 200.0  # m
 
 
 def measure_metrics(request: Request, progress: Progress) -> Report:
@@ -79,6 +79,14 @@ ANALYSES = (
         plot=lambda report, path: plot_epsilon(report["epsilon"], path),
         show=lambda report, console: console.print(epsilon_tables(report["epsilon"])),
     ),
+    Analysis(
+        name="falls",
+        measure=measure_falls,
+        endless=True,
+        rows=lambda report: falls_csv(falls_of(report)),
+        plot=lambda report, path: plot_falls(falls_of(report), path),
+        show=lambda report, console: console.print(falls_tables(report)),
+    ),
 )
 """What can be measured instead of the metrics, each asked for by the key of its name."""
 
@@ -98,6 +106,7 @@ class EvalConfig:
     grid: str | None = cli.option("two parameters of a mode to vary, e.g. jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
+    falls: bool = cli.option("in which modes the robot falls, by size and by the mode before", False)
     out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
     robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
@@ -141,6 +150,7 @@ HELP = cli.usage(
         "ogmp-eval run=parkour grid=leap.w:0.1:0.6:5,leap.run_up:0.2:0.6:4",
         "ogmp-eval run=parkour robustness=true randomisation.push.speed=0.5",
         "ogmp-eval run=parkour epsilon=true",
+        "ogmp-eval run=parkour falls=true protocol=endless",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
     ],
     EvalConfig,
@@ -174,10 +184,7 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     if config.protocol == "endless":
         if extent(task).timed:
             raise ValueError(f"'protocol=endless' is for tracks: the modes of '{task.name}' take a time.")
-        steps = math.ceil(config.max_distance / SLOWEST / task.control_dt)
-        metrics = tuple(name for name in task.evaluation.metrics if name != "episode_length_fraction")  # of no limit
-        evaluation = replace(task.evaluation, metrics=metrics, track_length=None)
-        task = replace(task, track=replace(task.track, length=None), episode_steps=steps, evaluation=evaluation)
+        task = endless(task, config.max_distance)
     return task
 
 
@@ -219,6 +226,7 @@ def _origin(config: EvalConfig, loaded: LoadedPolicy, overrides: list[str], requ
         "policy": loaded.digest,
         "task": request.task.name,
         "protocol": config.protocol,
+        "max_distance": request.max_distance,
         "overrides": overrides,
         "robot": config.robot,
         "scene": config.scene,

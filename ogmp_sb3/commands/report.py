@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from glob import glob
 from pathlib import Path
 from typing import Literal
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import read_value
+from ogmp_sb3.evaluation.endless import MAX_DISTANCE
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS
+from ogmp_sb3.guidance.course import extent
+from ogmp_sb3.report import falls_section as report_falls
 from ogmp_sb3.report import run_sections as report_run
 from ogmp_sb3.report import sweep_sections as report_sweep
 from ogmp_sb3.report.page import Section, write_page
 from ogmp_sb3.report.panels import shown, sweep_of
-from ogmp_sb3.runs.multirun import MULTIRUN, read_sweep
+from ogmp_sb3.report.seeds_section import seed_groups, seeds
+from ogmp_sb3.runs.multirun import MULTIRUN, read_runs, read_sweep
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import CONFIG, default_out, owner, read_run
+from ogmp_sb3.runs.run_directory import CONFIG, Run, default_out, owner, read_run
 
 PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20
 PAGE = "report.html"
-RUN_ONLY = ("grids", "grid_cells", "cell_episodes", "traces", "trust", "task")
+RUNS_OUT = Path("report") / "runs"
+RUN_ONLY = ("grids", "grid_cells", "cell_episodes", "traces", "endless", "max_distance", "trust", "task")
 SWEEP_ONLY = ("policy",)
 
 
@@ -32,7 +39,8 @@ class ReportConfig:
 
     run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
     sweep: str | None = cli.option("directory of a multirun (ogmp-train -m); either this or 'run'", None)
-    out: str | None = cli.option("directory for the page; null: <run or sweep>/report", None)
+    runs: str | None = cli.option("or run directories to compare: [a,b], or a pattern with *", None)
+    out: str | None = cli.option("directory for the page; null: <run or sweep>/report; of 'runs', report/runs", None)
     policy: Literal["latest", "best"] = cli.option("sweep: which policy of each job: latest or best", "latest")
     episodes: int | None = cli.option(
         f"episodes of an evaluation; null: {RUN_EPISODES}, and {JOB_EPISODES} for each job of a sweep", None
@@ -42,6 +50,8 @@ class ReportConfig:
     grid_cells: int = cli.option("run: cells along each axis of a heat map", CELLS)
     cell_episodes: int = cli.option("run: episodes of each cell of a heat map", 10)
     traces: int = cli.option("run: episodes to draw as motion traces", 3)
+    endless: int | None = cli.option("run: episodes on tracks without end, for survival curves; null: none", None)
+    max_distance: float = cli.option("run: an endless episode is over this far along the track, m", MAX_DISTANCE)
     variants: str | None = cli.option(
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
         ",".join(report_run.VARIANTS),
@@ -51,20 +61,25 @@ class ReportConfig:
     task: str | None = cli.option(cli.ZIP_TASK, None)
 
     def __post_init__(self) -> None:
-        if (self.run is None) == (self.sweep is None):
-            raise ValueError("give either 'run' or 'sweep'.")
+        if sum(subject is not None for subject in (self.run, self.sweep, self.runs)) != 1:
+            raise ValueError("give either 'run' or 'sweep', or 'runs' to compare some.")
         for field in fields(self):
-            if self.sweep is not None and field.name in RUN_ONLY and getattr(self, field.name) != field.default:
-                raise ValueError(f"'{field.name}' is of a run: a report on a sweep does not use it.")
+            if self.run is None and field.name in RUN_ONLY and getattr(self, field.name) != field.default:
+                kind = "a sweep" if self.runs is None else "several runs"
+                raise ValueError(f"'{field.name}' is of a run: a report on {kind} does not use it.")
             if self.run is not None and field.name in SWEEP_ONLY and getattr(self, field.name) != field.default:
                 raise ValueError(
                     f"'{field.name}' is of a sweep; of a run, give the policy itself: run={self.run}/best."
                 )
-        least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1}
+        least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1, "endless": 1}
         for name, low in least.items():
             value = getattr(self, name)
             if value is not None and value < low:
                 raise ValueError(f"'{name}' must be at least {low}, found {value}.")
+        if self.max_distance <= 0:
+            raise ValueError(f"'max_distance' must be above 0, found {self.max_distance:g}.")
+        if self.endless is None and self.max_distance != MAX_DISTANCE:
+            raise ValueError("'max_distance' is of endless tracks: give 'endless', how many episodes, too.")
         if self.grid_cells > MAX_CELLS:
             raise ValueError(f"'grid_cells' must be at most {MAX_CELLS}, found {self.grid_cells}.")
 
@@ -77,6 +92,7 @@ HELP = cli.usage(
         "ogmp-report run=parkour out=report grids=false",
         "ogmp-report run=runs/dive/2026-01-31_12-00-00/best variants=oracle traces=4",
         "ogmp-report sweep=runs/sweeps/2026-01-31_14-00-00 episodes=100",
+        "ogmp-report runs=runs/parkour/2026-01-3* out=seeds",
     ],
     ReportConfig,
     "any other key of the task file, for the evaluations, e.g. evaluation.track_length=20",
@@ -88,9 +104,11 @@ def _run(arguments: list[str]) -> None:
     variants = _variants(config.variants)
     if config.run is not None:
         page = _report_run(config, config.run, overrides, variants)
-    else:
-        assert config.sweep is not None
+    elif config.sweep is not None:
         page = _report_sweep(config, Path(config.sweep), overrides, variants)
+    else:
+        assert config.runs is not None
+        page = _report_runs(config, config.runs, overrides, variants)
     cli.console().print(str(page))
 
 
@@ -103,11 +121,18 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     out = Path(config.out) if config.out else default_out(name, loaded.name, "report")
     cli.check_out(out)
     subject = EvaluatedPolicy(loaded, overrides, home or out, out)
+    if config.endless is not None and extent(subject.task).timed:
+        raise ValueError(f"'endless' is for tracks: the modes of '{subject.task.name}' take a time.")
     out.mkdir(parents=True, exist_ok=True)
+    episodes = config.episodes or RUN_EPISODES
     sections = [
         report_run.overview(subject, run),
         report_run.training(run, subject.loaded.task.rho, out) if run else None,
-        report_run.evaluation(subject, config.episodes or RUN_EPISODES, config.seed, out),
+        report_run.evaluation(subject, episodes, config.seed, out),
+        report_falls.falls(subject.evaluation(episodes, config.seed, lambda _: None).falls, out),
+        report_falls.endless(subject, config.endless, config.seed, config.max_distance, out)
+        if config.endless is not None
+        else None,
         report_run.motion(subject, config.traces, config.seed, variants, out),
         report_run.mode_parameters(subject, config.grid_cells, config.cell_episodes, config.seed, out)
         if config.grids
@@ -124,21 +149,71 @@ def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], vari
         raise ValueError(f"'{folder}': no such directory.")
     if (folder / CONFIG).is_file():
         raise ValueError(f"'{folder}' is one run, not a multirun: give it as run={folder}.")
-    sweep = sweep_of(read_sweep(folder))
-    out, episodes = Path(config.out) if config.out else folder / "report", config.episodes or JOB_EPISODES
+    out = Path(config.out) if config.out else folder / "report"
+    return _report_jobs(config, read_sweep(folder), out, folder.resolve().name, str(folder), overrides, variants)
+
+
+def _report_runs(config: ReportConfig, text: str, overrides: list[str], variants: list[str]) -> Path:
+    folders = run_folders(text)
+    out = Path(config.out) if config.out else RUNS_OUT
+    where = ", ".join(map(str, folders))
+    return _report_jobs(config, read_runs(folders), out, "Comparison of runs", where, overrides, variants)
+
+
+def _report_jobs(
+    config: ReportConfig,
+    jobs: list[Run],
+    out: Path,
+    title: str,
+    where: str,
+    overrides: list[str],
+    variants: list[str],
+) -> Path:  # fmt: skip
+    """A page about several trainings.
+
+    :param where: their directories
+    """
+    sweep, episodes = sweep_of(jobs), config.episodes or JOB_EPISODES
     cli.check_out(out)
     subjects, notes = report_sweep.load_subjects(sweep, config.policy, overrides, out, config.robot)
     out.mkdir(parents=True, exist_ok=True)
     evaluations = report_sweep.evaluate_jobs(subjects, episodes, config.seed)
+    groups = seed_groups(sweep, subjects, evaluations)
     sections = [
-        report_sweep.overview(sweep, subjects, folder),
+        report_sweep.overview(sweep, subjects, where),
         report_sweep.curves(sweep, subjects, out),
-        report_sweep.objectives(sweep, subjects, evaluations, out),
+        report_sweep.objectives(sweep, subjects, groups, out),
+        seeds(sweep, groups, out),
         report_sweep.jobs(sweep, subjects, notes),
         report_sweep.evaluation(sweep, subjects, evaluations, episodes, config.seed, out),
         report_sweep.motion(sweep, subjects, evaluations, config.seed, variants, out),
     ]
-    return _write(out, folder.resolve().name, f"{len(sweep.jobs)} jobs over {', '.join(sweep.keys)}", sections)
+    swept = f" over {', '.join(sweep.keys)}" if sweep.keys else ""
+    return _write(out, title, f"{len(sweep.jobs)} jobs{swept}", sections)
+
+
+def run_folders(text: str) -> list[Path]:
+    """The directories of runs to compare.
+
+    :param text: ``[a, b]``, a pattern, which other directories that it matches are left out of, or one directory
+    :raises ValueError: if the list cannot be read, or nothing matches a pattern
+    """
+    entries = read_value(text) if text.startswith("[") else [text]
+    if not isinstance(entries, list) or not entries or not all(isinstance(entry, str) for entry in entries):
+        raise ValueError(f"'runs' must be directories, [a,b], or a pattern, found {text}.")
+    found: list[Path] = []
+    for entry in entries:
+        if Path(entry).is_dir():
+            found.append(Path(entry))
+            continue
+        matches = sorted(
+            path for path in map(Path, glob(entry)) if any((path / f).is_file() for f in (CONFIG, MULTIRUN))
+        )
+        if not matches:
+            comma = ' A directory with a comma in its name is put in quotes: ["a,b"].' if text.startswith("[") else ""
+            raise ValueError(f"'runs': no directory of a run is '{entry}'.{comma}")
+        found += matches
+    return found
 
 
 def _write(out: Path, title: str, subtitle: str, sections: list[Section | None]) -> Path:

@@ -21,16 +21,28 @@ from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.falls import FallRow, fall_rows
 from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
 from ogmp_sb3.evaluation.own_queries import own_queries
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.speed import SpeedRow, speed_rows
-from ogmp_sb3.evaluation.statistics import Estimates, as_text, estimate, estimates_as_data, estimates_from_data
+from ogmp_sb3.evaluation.statistics import (
+    Estimates,
+    Limits,
+    as_text,
+    estimate,
+    estimates_as_data,
+    estimates_from_data,
+)
+from ogmp_sb3.evaluation.survival import DISTANCE, TIME, Survival, median_text, survival_curves, survival_table
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.guidance.encoder_training import LatentQuality
 
 PRINTED_WIDTH = 100  # characters
 ON_TRACKS = "speed_error_mps"  # a metric of every evaluation of modes along a track, and of no other
+TRUE_OBJECTIVE = "true_objective"  # beside the metrics
+
+Values = dict[str, list[float]]  # by name of the metric: of each episode, a bool where it is yes or no
 
 
 @dataclass(frozen=True)
@@ -53,6 +65,12 @@ class Evaluation:
     """how many more episodes were played that are copies of others"""
     latent: LatentQuality | None = None
     """how much the latent keeps of what the policy asked the oracle for; None if it is not observed"""
+    falls: tuple[FallRow, ...] = ()
+    """in which modes robots fell; none in evaluations of earlier versions"""
+    survival: dict[str, Survival] = field(default_factory=dict)
+    """share of the episodes that still run over ``distance_m`` and ``time_s``; empty unless tracks have no end"""
+    values: Values = field(default_factory=dict)
+    """every metric, and the ``true_objective``, of each episode; empty in evaluations of earlier versions"""
 
     @property
     def episodes(self) -> int:
@@ -70,6 +88,9 @@ class Evaluation:
             "copies": self.copies,
             "speeds": [row.as_data() for row in self.speeds],
             **({} if self.latent is None else {"latent": asdict(self.latent)}),
+            "falls": [row.as_data() for row in self.falls],
+            **({"survival": {name: each.as_data() for name, each in self.survival.items()}} if self.survival else {}),
+            "values": self.values,
         }
 
     @classmethod
@@ -90,6 +111,9 @@ class Evaluation:
             speeds=tuple(map(SpeedRow.from_data, data.get("speeds", []))),
             copies=data.get("copies", 0),
             latent=LatentQuality(**data["latent"]) if "latent" in data else None,
+            falls=tuple(map(FallRow.from_data, data.get("falls", []))),
+            survival={name: Survival.from_data(each) for name, each in data.get("survival", {}).items()},
+            values=data.get("values", {}),
         )
 
     def __rich__(self) -> Group:
@@ -100,9 +124,16 @@ class Evaluation:
             _table(self.title, self.metrics),
             *(_table(group, metrics) for group, metrics in self.groups.items()),
             *([_speed_table(self.speeds)] if self.speeds else []),
-            Text(f"Ended by: {ended}. Median distance {self.median_distance_m:.2f} m. {copies}".rstrip()),
+            *([survival_table(self.survival)] if self.survival else []),
+            Text(f"Ended by: {ended}. {self._median()} {copies}".rstrip()),
             *([Text(f"Mode latent, {latent.references:,} references of the policy:\n{latent}.")] if latent else []),
         )
+
+    def _median(self) -> str:
+        if not self.survival:
+            return f"Median distance {self.median_distance_m:.2f} m."
+        distance, time = self.survival[DISTANCE], self.survival[TIME]
+        return f"Median distance to a fall: {median_text(distance, 'm')}; time: {median_text(time, 's')}."
 
     def __str__(self) -> str:
         text = io.StringIO()
@@ -164,8 +195,9 @@ def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:
     """
     records = distinct(played)
     causes = [record.termination for record in records]
+    values = episode_values(task, records)
     return Evaluation(
-        metrics=estimates(task, records),
+        metrics=_estimates(task, values),
         groups=estimates_by_word(task, records),
         median_distance_m=float(np.median([registry.metrics.get("distance_m")(record) for record in records])),
         terminations={cause: causes.count(cause) for cause in sorted(set(causes))},
@@ -173,6 +205,9 @@ def measure(task: TaskConfig, played: list[EpisodeRecord]) -> Evaluation:
         speeds=tuple(speed_rows(records)),
         copies=len(played) - len(records),
         latent=own_queries(task, records),
+        falls=tuple(fall_rows(task, records)),
+        survival=survival_curves(records),
+        values=values,
     )
 
 
@@ -201,13 +236,28 @@ def metric_names(task: TaskConfig) -> list[str]:
 
 def estimates(task: TaskConfig, records: list[EpisodeRecord]) -> Estimates:
     """Every metric of the task over episodes, with the true objective."""
-    by_name = {
-        name: estimate(_values(registry.metrics, name, records), limits_of(registry.metrics.get(name)))
-        for name in metric_names(task)
+    return _estimates(task, episode_values(task, records))
+
+
+def _estimates(task: TaskConfig, values: Values) -> Estimates:
+    return {name: estimate(numbers, metric_limits(task, name)) for name, numbers in values.items()}
+
+
+def episode_values(task: TaskConfig, records: list[EpisodeRecord]) -> Values:
+    """Every metric of the task for each episode, with the true objective."""
+    values = {name: _values(registry.metrics, name, records) for name in metric_names(task)}
+    values[TRUE_OBJECTIVE] = _values(registry.objectives, task.objective, records)
+    return {
+        name: [bool(number) if isinstance(number, bool | np.bool_) else float(number) for number in numbers]
+        for name, numbers in values.items()
     }
-    most = highest_objective(task)
-    by_name["true_objective"] = estimate(_values(registry.objectives, task.objective, records), (None, most))
-    return by_name
+
+
+def metric_limits(task: TaskConfig, name: str) -> Limits:
+    """What a metric, or the true objective, is never below and above."""
+    if name == TRUE_OBJECTIVE:
+        return None, highest_objective(task)
+    return limits_of(registry.metrics.get(name))
 
 
 def _values(functions: registry.Registry[Any], name: str, records: list[EpisodeRecord]) -> Iterator[float]:

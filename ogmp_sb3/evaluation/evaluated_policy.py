@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,9 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.streams import Stream
+from ogmp_sb3.evaluation.endless import endless
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
-from ogmp_sb3.evaluation.evaluate import Evaluation, evaluate
+from ogmp_sb3.evaluation.evaluate import Evaluation, evaluate, measure
 from ogmp_sb3.evaluation.grid import Grid, evaluate_cell, limits
 from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.evaluation.statistics import estimates_as_data
@@ -24,6 +26,7 @@ from ogmp_sb3.runs.settings import RECORDED, versions
 
 RESULTS = Path("evaluation") / "results.jsonl"
 METRICS = Path("evaluation") / "metrics.json"  # what ogmp-eval leaves there
+KEPT = 2  # what is kept of an evaluation; 1: not the numbers of each episode, nor in which modes robots fell
 NOT_DECIDING = {"python", "machine", *RECORDED} - {"ogmp_sb3", "mujoco"}  # the versions of plug-ins are
 
 
@@ -56,15 +59,44 @@ class EvaluatedPolicy:
 
         The return is always among the metrics.
         """
-        settings = {**self._settings, "episodes": episodes, "seed": seed, "stream": stream}
-        of_program = None if settings in self._results or stream != "test" else self._evaluated(episodes, seed)
-        if of_program or settings in self._results:
-            progress(episodes)
+        settings = {**self._settings, "episodes": episodes, "seed": seed, "stream": stream, "kept": KEPT}
 
-        def compute() -> dict[str, Any]:
-            return (of_program or evaluate(self.loaded, self._test(), episodes, seed, progress, stream)).as_data()
+        def play() -> Evaluation:
+            return evaluate(self.loaded, self._test(), episodes, seed, progress, stream)
 
-        return Evaluation.from_data(self._results.remember(settings, compute))
+        left = ("paper", None) if stream == "test" else None
+        return self._kept(settings, left, play, progress)
+
+    def endless(self, episodes: int, seed: int, max_distance: float, progress: Progress) -> Evaluation:
+        """The evaluation on tracks without end: kept, left by ``ogmp-eval``, or measured now.
+
+        :param max_distance: an episode also ends this far along the track, m
+        """
+        asked = {"episodes": episodes, "seed": seed, "protocol": "endless", "max_distance": max_distance, "kept": KEPT}
+        task = endless(self._test(), max_distance)
+
+        def play() -> Evaluation:
+            return measure(task, play_episodes(self.loaded, task, episodes, seed, max_distance, progress))
+
+        return self._kept({**self._settings, **asked}, ("endless", max_distance), play, progress)
+
+    def _kept(
+        self,
+        settings: dict[str, Any],
+        left: tuple[str, float | None] | None,
+        play: Callable[[], Evaluation],
+        progress: Progress,
+    ) -> Evaluation:
+        """An evaluation: kept under its settings, else left by ``ogmp-eval``, else measured now.
+
+        :param left: protocol and distance that ``ogmp-eval`` may have left it under; None: it never does
+        :param play: measures it
+        """
+        known = settings in self._results
+        of_program = None if known or left is None else self._evaluated(settings["episodes"], settings["seed"], *left)
+        if known or of_program:
+            progress(settings["episodes"])
+        return Evaluation.from_data(self._results.remember(settings, lambda: (of_program or play()).as_data()))
 
     def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
         """The metrics over a grid of mode parameters, as in ``grid.json``.
@@ -108,17 +140,21 @@ class EvaluatedPolicy:
         metrics = dict.fromkeys((*self.task.evaluation.metrics, "return"))
         return replace(self.task.for_evaluation(), evaluation=replace(self.task.evaluation, metrics=tuple(metrics)))
 
-    def _evaluated(self, episodes: int, seed: int) -> Evaluation | None:
+    def _evaluated(
+        self, episodes: int, seed: int, protocol: str, max_distance: float | None
+    ) -> Evaluation | None:  # fmt: skip
         """What ``ogmp-eval`` measured of this policy under the same settings, or None."""
         try:
             report = json.loads((self._folder / METRICS).read_text(encoding="utf-8"))
             settings = {**report, "versions": _deciding(report["versions"])}
             same = (
                 all(settings[key] == value for key, value in self._settings.items())
-                and (report["protocol"], report["scene"], report["seed"]) == ("paper", None, seed)
+                and (report["protocol"], report["max_distance"]) == (protocol, max_distance)
+                and (report["scene"], report["seed"]) == (None, seed)
                 and report["stream"] == "test"
                 and report["episodes"] == episodes
                 and "return" in report["metrics"]
+                and "values" in report
             )
             return Evaluation.from_data(report) if same else None
         except (OSError, ValueError, KeyError, TypeError, AttributeError):

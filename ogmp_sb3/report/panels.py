@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ogmp_sb3.evaluation.statistics import estimate
 from ogmp_sb3.runs.logs import STEP_COLUMN
-from ogmp_sb3.runs.multirun import setting, swept_keys
+from ogmp_sb3.runs.multirun import SEED, setting, swept_keys
 from ogmp_sb3.runs.run_directory import Run
 
-SEED = "seed"
 FIRST_CHOICE = ("rho", "horizon")  # what lines differ in, if it was swept
 
 
@@ -21,9 +21,14 @@ class Line:
     """Runs that differ in nothing but the seed."""
 
     value: Any
-    """of the key that the lines of a panel differ in"""
+    """of the key that the lines of a panel differ in; where that is the seed, all of them"""
     runs: list[Run]
     """one for each seed"""
+
+    @property
+    def seeds(self) -> list[str]:
+        """The seeds of the runs."""
+        return [shown(setting(run, SEED)) for run in self.runs]
 
 
 @dataclass(frozen=True)
@@ -53,19 +58,21 @@ class Sweep:
 def sweep_of(jobs: list[Run]) -> Sweep:
     """Group the jobs of a sweep; jobs that were never started have no line, and the same training counts once.
 
-    Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key.
+    Lines differ in rho, else in the horizon, else in the first key with numbers, else in the first key. Jobs that
+    differ in the seed alone are one line.
     """
     keys = swept_keys(jobs)
     grouping = [key for key in keys if key != SEED]
     numeric = [key for key in grouping if all(_is_number(setting(job, key)) for job in jobs)]
-    line_key = next(iter([*(k for k in FIRST_CHOICE if k in grouping), *numeric, *grouping, *keys]), SEED)
+    line_key = next(iter([*(k for k in FIRST_CHOICE if k in grouping), *numeric, *grouping]), SEED)
     others = [key for key in grouping if key != line_key]
     groups: dict[str, dict[str, Line]] = {}
+    seeds = ", ".join(dict.fromkeys(shown(setting(job, SEED)) for job in jobs if job.config))
     for job in jobs:
         if not job.config:
             continue
         lines = groups.setdefault(label_of(job, others), {})
-        value = setting(job, line_key)
+        value = setting(job, line_key) if grouping else seeds
         line = lines.setdefault(str(value), Line(value, []))
         if job.fingerprint not in {other.fingerprint for other in line.runs}:
             line.runs.append(job)
@@ -115,20 +122,25 @@ def jobs_along(key: str, jobs: list[Run], keys: list[str], score: Callable[[Run]
 
 
 def mean_curve(runs: list[Run], column: str) -> dict[str, np.ndarray]:
-    """A column of the logs over samples: its mean over the runs, and the least and greatest of them.
+    """A column of the logs over samples: its mean over the runs, which differ in the seed, and the interval of that.
 
     :param runs: one run gives its rows as they are; several are compared at the rows of the longest, at each those
         that have got so far
-    :return: ``samples``, ``mean``, ``low`` and ``high``, each of shape (n,)
+    :return: ``samples``; ``seeds``, how many have got so far; their ``mean``; ``low`` and ``high``, the ends of
+        Student's 95 % interval over seeds, nan where there is none: of one. Each of shape (n,)
     """
     logs = [run.log for run in runs if column in run.log and len(run.log[column])]
     if not logs:
-        return {name: np.array([]) for name in ("samples", "mean", "low", "high")}
+        return {name: np.array([]) for name in ("samples", "seeds", "mean", "low", "high")}
     samples = max((log[STEP_COLUMN] for log in logs), key=lambda steps: float(steps[-1]))
     curves = [np.interp(samples, log[STEP_COLUMN], log[column], left=np.nan, right=np.nan) for log in logs]
-    values = np.ma.masked_invalid(np.stack(curves))
-    bands = {"mean": values.mean(axis=0), "low": values.min(axis=0), "high": values.max(axis=0)}
-    return {"samples": samples, **{name: np.ma.filled(curve, np.nan) for name, curve in bands.items()}}
+    there = [values[np.isfinite(values)] for values in np.stack(curves, axis=1)]
+    found = [estimate(values) if len(values) else None for values in there]
+    bands = {
+        name: np.array([None if each is None else getattr(each, name) for each in found], dtype=float)  # None: nan
+        for name in ("mean", "low", "high")
+    }
+    return {"samples": samples, "seeds": np.array([len(values) for values in there]), **bands}
 
 
 def _is_number(value: Any) -> bool:

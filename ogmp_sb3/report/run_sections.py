@@ -130,7 +130,8 @@ def protocol(task: TaskConfig, episodes: int, seed: int) -> str:
         f"{task.name}: {episodes} episodes with seeds {seed} to {seed + episodes - 1} and deterministic actions, at "
         f"most {test.episode_steps} control steps{track}.{starts} The bound and the least reward of a step are off; an "
         f"episode ends earlier only by: {ends or 'nothing'}. Intervals are of the mean over the episodes, at 95 %: "
-        f"Student's, Wilson's for yes or no. Physics step {task.physics_dt:g} s, on which accelerations depend."
+        f"Student's, Wilson's for yes or no; they say nothing on another seed. Physics step {task.physics_dt:g} s, on "
+        "which accelerations depend."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,16 @@ from ogmp_sb3.evaluation.copies import copies_in_sets_text
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.metrics import highest_objective
+from ogmp_sb3.evaluation.seeds import few_seeds_text
 from ogmp_sb3.guidance.admissible import standing_deviation, standing_still
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
 from ogmp_sb3.report.panels import Sweep, brief, jobs_along, label_of, mean_curve, shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
-from ogmp_sb3.report.plots.trainings import plot_objectives, plot_sweep_curves
+from ogmp_sb3.report.plots.trainings import FOR_BAND, plot_objectives, plot_sweep_curves
 from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
+from ogmp_sb3.report.seeds_section import SeedGroup
 from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import Run
@@ -67,8 +71,11 @@ def evaluate_jobs(subjects: Subjects, episodes: int, seed: int) -> Evaluations:
     return evaluations
 
 
-def overview(sweep: Sweep, subjects: Subjects, folder: Path) -> Section:
-    """What was swept, and how far it got."""
+def overview(sweep: Sweep, subjects: Subjects, where: str) -> Section:
+    """What was swept, and how far it got.
+
+    :param where: the directories
+    """
     states = Counter(job.state for job in sweep.jobs)
     tasks = [subject.loaded.task for subject in subjects.values()]
     versions = {
@@ -76,14 +83,24 @@ def overview(sweep: Sweep, subjects: Subjects, folder: Path) -> Section:
         for subject in subjects.values()
     }
     rows = [
-        ["directory", str(folder)],
+        ["directory", where],
         ["task", ", ".join(dict.fromkeys(f"{task.name}: {task.description}" for task in tasks)) or "none was loaded"],
         ["swept", "; ".join(f"{key}: {_values(sweep, key)}" for key in sweep.keys) or "nothing"],
         ["least reward of a step", ", ".join(dict.fromkeys(shown(task.min_step_reward) for task in tasks))],
         ["jobs", ", ".join(f"{count} {state}" for state, count in states.items())],
+        ["seeds", _seeds_text(sweep)],
         ["versions", "; ".join(sorted(versions))],
     ]
     return Section("Sweep", "", [Table(rows)])
+
+
+def _seeds_text(sweep: Sweep) -> str:
+    counts = sorted({len(line.runs) for panel in sweep.panels for line in panel.lines})
+    if not counts:
+        return "none"
+    number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    alone = few_seeds_text(1) if counts == [1] else ""
+    return f"{number} of each setting. {alone}".rstrip()
 
 
 def _values(sweep: Sweep, key: str) -> str:
@@ -93,41 +110,55 @@ def _values(sweep: Sweep, key: str) -> str:
 def curves(sweep: Sweep, subjects: Subjects, out: Path) -> Section | None:
     """Training curves over the swept keys."""
     rows: Rows = []
+    single: Rows = []
     for panel in sweep.panels:
         for line in panel.lines:
-            curve = mean_curve(line.runs, RETURN)
-            for samples, mean, low, high in zip(*(curve[k] for k in ("samples", "mean", "low", "high")), strict=True):
-                rows.append({
-                    "panel": panel.title, "line": brief(line.value), "samples": samples, "mean": mean, "low": low,
-                    "high": high,
-                })  # fmt: skip
+            where, curve = {"panel": panel.title, "line": brief(line.value)}, mean_curve(line.runs, RETURN)
+            points = zip(*curve.values(), strict=True)
+            rows += [{**where, **dict(zip(curve, point, strict=True))} for point in points]
+            single += [
+                {**where, "seed": seed, "samples": samples, "return": value}
+                for run, seed in zip(line.runs, line.seeds, strict=True)
+                if len(line.runs) > 1 and RETURN in run.log
+                for samples, value in zip(run.log[STEP_COLUMN], run.log[RETURN], strict=True)
+            ]
     if not rows:
         return None
-    caption = (
-        f"Return of training episodes, one line for each {sweep.line_key}. Where jobs differ in the seed alone, the "
-        "line is the mean of those that have got so far, and the band goes from the least to the greatest."
-    )
+    caption = f"Return of training episodes, one line for each {sweep.line_key}."
+    if single:
+        caption += (
+            " Where jobs differ in the seed alone, the line is the mean over the seeds that have got so far (thin: "
+            f"each of them), and the band its 95 % interval over seeds, from {FOR_BAND} of them on."
+        )
     standing = _standing(sweep, subjects)
     if standing is not None:
         caption += f" {_range(standing)}: a bound beyond that lets it stand."
-    picture = make_picture(out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path))
+    more = {"seeds": single} if single else {}
+    picture = make_picture(
+        out, "training", caption, rows, lambda path: plot_sweep_curves(rows, sweep.line_key, path, single), **more
+    )
     return Section("Training", "", [picture])
 
 
-def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: Path) -> Section | None:
+def objectives(sweep: Sweep, subjects: Subjects, groups: Sequence[SeedGroup], out: Path) -> Section | None:
     """Surrogate and true objective against the swept key, with their upper bounds."""
     rows: Rows = []
+    single: Rows = []
     for objective, metric in OBJECTIVES.items():
-        for panel in sweep.panels:
-            for line in panel.lines:
-                estimates = [evaluations[run.path].metrics[metric] for run in line.runs if run.path in evaluations]
-                if estimates:
-                    means, only = [each.mean for each in estimates], estimates[0]
-                    low, high = (only.low, only.high) if len(means) == 1 else (min(means), max(means))
-                    rows.append({
-                        "objective": objective, "line": panel.title, "value": brief(line.value),
-                        "mean": float(np.mean(means)), "low": low, "high": high, "seeds": len(means),
-                    })  # fmt: skip
+        for group in groups:
+            where = {"objective": objective, "line": group.panel, "value": brief(group.value)}
+            alone = len(group.evaluations) == 1
+            found = group.evaluations[0].metrics[metric] if alone else group.statistics[metric].over_seeds
+            rows.append({
+                **where, "mean": found.mean, "low": found.low, "high": found.high,
+                "interval": "over episodes" if alone else "over seeds", "seeds": len(group.evaluations),
+                "episodes": group.statistics[metric].over_episodes.n,
+            })  # fmt: skip
+            single += [
+                {**where, "seed": seed, "mean": each.metrics[metric].mean}
+                for seed, each in zip(group.seeds, group.evaluations, strict=True)
+                if not alone
+            ]
     if not rows:
         return None
     tasks = [subject.task for subject in subjects.values()]
@@ -137,15 +168,18 @@ def objectives(sweep: Sweep, subjects: Subjects, evaluations: Evaluations, out: 
     caption = (
         f"The surrogate objective, as undiscounted return, and the true objective ({meanings}) against "
         f"{sweep.line_key}. Of one training, the bar is the 95 % interval of the mean over its episodes. Of several "
-        "that differ in the seed alone, the point is the mean over the trainings, and the bar goes from the least to "
-        "the greatest of them. Red: the highest reward at every step, and the end of the test track (1 for a dive)."
+        "that differ in the seed alone, the point is the mean over the seeds, the bar its 95 % interval over seeds; "
+        "small circles are the single trainings. Red: the highest reward at every step, and the end of the test track "
+        "(1 for a dive)."
     )
     if standing is not None:
         caption += f" {_range(standing)} (grey): a bound beyond that lets it stand."
-    picture = make_picture(
-        out, "objectives", caption, rows, lambda path: plot_objectives(rows, sweep.line_key, bounds, standing, path)
-    )
-    return Section("Objectives", "", [picture])
+    more = {"seeds": single} if single else {}
+
+    def draw(path: Path) -> None:
+        plot_objectives(rows, sweep.line_key, bounds, standing, path, single)
+
+    return Section("Objectives", "", [make_picture(out, "objectives", caption, rows, draw, **more)])
 
 
 def _standing(sweep: Sweep, subjects: Subjects) -> tuple[float, float] | None:

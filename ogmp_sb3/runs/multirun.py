@@ -11,8 +11,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.runs.robot_copy import ROBOT
 from ogmp_sb3.runs.run_directory import CONFIG, OVERRIDES, RESUMABLE, Run, read_overrides, read_run
 
+SEED, DESCRIPTION = "seed", "description"  # keys: of a training; of a task, and no setting
 MISSING, DAMAGED = "missing", "damaged"
 MULTIRUN = "multirun.yaml"
 SWEEPERS = (BasicSweeper.__name__, "HalvingSweeper")  # whose command line says which jobs there are
@@ -36,6 +38,20 @@ def read_sweep(path: Path, asked: bool = False) -> list[Run]:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
     order = {job: i for i, job in enumerate(wanted)}
     return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
+
+
+def read_runs(paths: list[Path]) -> list[Run]:
+    """Read runs to compare, each once.
+
+    :param paths: run directories, and directories of several
+    :raises ValueError: if one is missing, or holds no run
+    """
+    found: list[Run] = []
+    for path in paths:
+        if not path.is_dir():
+            raise ValueError(f"'{path}': no such directory.")
+        found += [_read_job(path)] if (path / CONFIG).is_file() else read_sweep(path)
+    return list({(run.path.resolve(), run.overrides): run for run in found}.values())
 
 
 def _read_job(path: Path) -> Run:
@@ -81,9 +97,46 @@ def setting(job: Run, key: str) -> Any:
 
 
 def swept_keys(jobs: list[Run]) -> list[str]:
-    """The keys of the command line in which jobs differ, but for what may change when they go on."""
+    """The keys in which jobs differ, but for what may change when they go on.
+
+    They are those of the command lines, and behind them others in which jobs differ that these do not tell apart: of a
+    task file that was edited between two trainings, say.
+    """
     names = dict.fromkeys(plain_key(override.partition("=")[0]) for job in jobs for override in job.overrides)
-    return [key for key in names if key not in RESUMABLE and len({str(setting(job, key)) for job in jobs}) > 1]
+    typed = [key for key in names if key not in RESUMABLE and len({str(setting(job, key)) for job in jobs}) > 1]
+    alike: dict[tuple[str, ...], list[dict[str, str]]] = {}
+    for job in jobs:
+        if job.config:
+            values = tuple(str(setting(job, key)) for key in typed if key != SEED)
+            alike.setdefault(values, []).append(_settings(job))
+    hidden = dict.fromkeys(
+        key for settings in alike.values() for key in _differing(settings) if key not in typed
+    )  # fmt: skip
+    return [*typed, *hidden]
+
+
+def _settings(job: Run) -> dict[str, str]:
+    """All settings of a training, by key, as text; a robot by what it is, wherever it lies."""
+    task, train = job.config.get("task", {}), job.config.get("train", {})
+    digest = job.config.get(ROBOT, {}).get("digest")
+    settings = _leaves({**task, **({ROBOT: digest} if digest else {})}) | _leaves(train)
+    return {key: value for key, value in settings.items() if key not in RESUMABLE and key != DESCRIPTION}
+
+
+def _leaves(data: dict[str, Any], above: str = "") -> dict[str, str]:
+    """The values of nested mappings by dotted key; null is as if it were not there."""
+    found: dict[str, str] = {}
+    for key, value in data.items():
+        if isinstance(value, dict) and value:
+            found |= _leaves(value, f"{above}{key}.")
+        elif value is not None:
+            found[f"{above}{key}"] = str(value)
+    return found
+
+
+def _differing(settings: list[dict[str, str]]) -> list[str]:
+    keys = dict.fromkeys(key for each in settings for key in each)
+    return [key for key in keys if len({each.get(key) for each in settings}) > 1]
 
 
 def _wanted(path: Path) -> list[tuple[str, ...]]:

@@ -83,7 +83,7 @@ def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
     for text in ("rho=0.3", "preview", "30 control steps", "deviates by 0.52 to 1.56", "mujoco", "512", "run.mp4"):
         assert text in html
     titles = re.findall(r"<h2>(.*?)</h2>", html)
-    assert titles == ["Run", "Training", "Evaluation", "Motion", "Mode parameters", "Mode latent", "Video"]
+    assert titles == ["Run", "Training", "Evaluation", "Falls", "Motion", "Mode parameters", "Mode latent", "Video"]
 
 
 def test_the_curves_are_those_of_progress_csv(run_page: Path) -> None:
@@ -227,6 +227,25 @@ def test_no_episode_beats_the_highest_return_of_its_steps(run_page: Path) -> Non
             assert float(row["mean"]) <= 20 * highest_return(load_task("parkour")) / 400
 
 
+def test_runs_that_differ_in_the_seed_alone_are_compared_as_one_group(sweep: Path, tmp_path: Path) -> None:
+    ignore = shutil.ignore_patterns("page", "report", "evaluation")
+    for seed, name in enumerate(("with,comma", "b")):
+        config = shutil.copytree(sweep / "0", tmp_path / name, ignore=ignore) / "config.yaml"
+        config.write_text(config.read_text().replace("seed: 0", f"seed: {seed}"))
+    (tmp_path / "beside").mkdir()  # matches, and is no run
+    done = program("report", 'runs=["with,comma", b*]', *QUICK, "variants=null", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "report/runs/report.html\n"
+    html = (tmp_path / "report" / "runs" / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r"<h2>(.*?)</h2>", html) == ["Sweep", "Training", "Objectives", "Seeds", "Jobs", "Evaluation"]
+    assert "2 seeds are few" in html and "2: 0, 1" in html
+    found = {(row["metric"], row["interval"]): row for row in rows(tmp_path / "report" / "runs" / "seeds.csv")}
+    assert {row["group"] for row in found.values()} == {"all runs"}
+    assert (found["return", "over seeds"]["n"], found["return", "over episodes"]["n"]) == ("2", "6")
+    by_seed = [row for row in rows(tmp_path / "report" / "runs" / "metrics.csv") if row["metric"] == "return"]
+    assert [row["group"] for row in by_seed] == ["seed=0", "seed=1"]
+
+
 def test_a_job_that_cannot_be_loaded_is_listed_with_the_reason(sweep: Path, tmp_path: Path) -> None:
     copy = tmp_path / "sweep"
     shutil.copytree(sweep, copy, ignore=shutil.ignore_patterns("page", "report", "evaluation"))
@@ -261,6 +280,17 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
         (["run={sweep}"], "is a multirun: give it as sweep="),
         (["sweep={sweep}/0"], "is one run, not a multirun: give it as run="),
         (["sweep={sweep}", "grids=false"], "'grids' is of a run: a report on a sweep does not use it"),
+        (["run=a", "runs=b"], "give either 'run' or 'sweep', or 'runs' to compare some"),
+        (["runs={sweep}", "endless=3"], "'endless' is of a run: a report on several runs does not use it"),
+        (["runs=nowhere*"], "'runs': no directory of a run is 'nowhere"),
+        (
+            ["runs=[{sweep}/0, b]"],
+            "'runs': no directory of a run is 'b'. A directory with a comma in its name is put in quotes",
+        ),
+        (["runs=[1, 2]"], "'runs' must be directories, .a,b., or a pattern, found .1, 2."),
+        (["run={sweep}/0", "max_distance=50"], "'max_distance' is of endless tracks: give 'endless'"),
+        (["run={sweep}/0", "endless=0"], "'endless' must be at least 1, found 0"),
+        (["run=dive", "endless=5"], "'endless' is for tracks: the modes of 'dive' take a time"),
         (["run={sweep}/0", "variants=oracel"], "unknown variant 'oracel'"),
         (["run={sweep}/0", "episodes=0"], "'episodes' must be at least 1"),
         (["run={sweep}/0", "modes.jmp.h=1", "out=x"], "unknown mode 'jmp'"),

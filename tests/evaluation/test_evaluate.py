@@ -86,7 +86,7 @@ def test_each_word_of_the_first_mode_has_its_metrics() -> None:
 def test_evaluations_of_earlier_versions_are_read(tmp_path: Path) -> None:
     each = {"mean": 1.0, "std": None, "n": 1, "ci95": [None, None]}
     data = {"metrics": {"return": each}, "groups": {}, "median_distance_m": 0.0, "terminations": {"fall": 1}}
-    since = {"episodes": 1, "copies": 0, "speeds": []}
+    since = {"episodes": 1, "copies": 0, "speeds": [], "falls": [], "values": {}}
     assert Evaluation.from_data({**data, "run": "x", "seed": 0}).as_data() == {**data, **since}
 
 
@@ -146,3 +146,26 @@ def test_a_metric_that_gives_no_number_is_named(value: Any, message: str, monkey
     monkeypatch.setitem(registry.metrics._functions, "mine", lambda record: record.nonsense)
     with pytest.raises(FunctionFailed, match=r"^metric 'mine' failed in line \d+ .*: AttributeError: .* 'nonsense'\.$"):
         measure(task, [record()])
+
+
+def test_an_evaluation_without_end_has_survival_curves_and_the_median_that_these_give() -> None:
+    pace = ({"mode": "pace", "v": 1.0, "length": 90.0},)
+    records = [
+        record(base_pos_w=np.outer(np.linspace(0.0, end, 151), [1.0, 0.0, 0.0]), modes=pace, termination=cause)
+        for end, cause in ((10.0, "fall"), (20.0, "max_distance"), (30.0, "fall"), (40.0, "max_distance"))
+    ]
+    evaluation = measure(load_task("parkour").for_evaluation(), records)
+    assert evaluation.survival["distance_m"].median == 30.0  # the median of the distances is 25
+    text = " ".join(str(evaluation).split())
+    assert "Median distance to a fall: 30.0 m (95 % interval over episodes: 10.0 .. open); time: 4.5 s (" in text
+    assert Evaluation.from_data(json.loads(json.dumps(evaluation.as_data()))) == evaluation
+
+
+def test_an_evaluation_keeps_the_numbers_of_each_episode_copies_left_out() -> None:
+    records = [record("left"), record("front", 0.0), record("left")]
+    evaluation = measure(DIVE.for_evaluation(), records)
+    assert evaluation.values["success_rate"] == [True, False]
+    assert set(evaluation.values) == set(evaluation.metrics)
+    for name, numbers in evaluation.values.items():
+        assert evaluation.metrics[name].mean == pytest.approx(np.mean(numbers))
+        assert all(type(number) in (bool, float) for number in numbers)

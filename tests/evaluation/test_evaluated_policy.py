@@ -72,6 +72,41 @@ def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(
         assert subject(copy, SHORT).evaluation(3, 0, lambda n: None) == MEASURED
 
 
+def test_endless_tests_are_kept_and_those_of_ogmp_eval_are_used(
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["episodes=2", "protocol=endless", "max_distance=0.6"]  # 6 s at 0.1 m/s
+    assert program("eval", f"run={copy}", *arguments, cwd=tmp_path).returncode == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("ogmp_sb3.evaluation.evaluated_policy.play_episodes", fail)
+        left = subject(copy).endless(2, 0, 0.6, lambda n: None)
+        for episodes, distance in ((2, 0.7), (1, 0.6)):
+            with pytest.raises(AssertionError, match="played again"):
+                subject(copy).endless(episodes, 0, distance, lambda n: None)
+    assert set(left.survival) == {"distance_m", "time_s"} and left.episodes == 2
+    for file in ("results.jsonl", "metrics.json"):
+        (copy / "evaluation" / file).unlink()
+    assert subject(copy).endless(2, 0, 0.6, lambda n: None) == left  # measured
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.play_episodes", fail)
+    ended: list[int] = []
+    assert subject(copy).endless(2, 0, 0.6, ended.append) == left
+    assert ended == [2]
+
+
+def test_evaluations_that_were_kept_without_the_numbers_of_each_episode_are_made_anew(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As results.jsonl of an earlier version holds them."""
+    found = subject(copy, SHORT).evaluation(2, 0, lambda n: None)
+    assert {len(numbers) for numbers in found.values.values()} == {2}
+    file = copy / "evaluation" / "results.jsonl"
+    line = json.loads(file.read_text())
+    del line["settings"]["kept"], line["result"]["values"], line["result"]["falls"]
+    file.write_text(json.dumps(line))
+    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", lambda *arguments, **named: MEASURED)
+    assert subject(copy, SHORT).evaluation(2, 0, lambda n: None) == MEASURED
+
+
 def test_what_is_to_select_is_measured_on_other_tracks_than_what_is_reported(
     copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from ogmp_sb3.report.panels import brief, jobs_along, label_of, mean_curve, shown, sweep_of
 from ogmp_sb3.runs.logs import STEP_COLUMN
@@ -92,8 +93,9 @@ def test_the_same_training_in_two_directories_counts_once() -> None:
 def test_the_curve_of_one_run_is_its_log() -> None:
     curve = mean_curve([job({STEP_COLUMN: [10, 20], "a": [1.0, 4.0]})], "a")
     np.testing.assert_array_equal(curve["samples"], [10, 20])
-    for name in ("mean", "low", "high"):
-        np.testing.assert_array_equal(curve[name], [1.0, 4.0])
+    np.testing.assert_array_equal(curve["mean"], [1.0, 4.0])
+    np.testing.assert_array_equal(curve["seeds"], [1, 1])
+    assert np.isnan([curve["low"], curve["high"]]).all()  # of one seed there is no interval over seeds
 
 
 def test_the_curve_of_several_seeds_averages_those_that_have_got_so_far() -> None:
@@ -103,8 +105,16 @@ def test_the_curve_of_several_seeds_averages_those_that_have_got_so_far() -> Non
     curve = mean_curve([second, first, late, job()], "a")
     np.testing.assert_array_equal(curve["samples"], [10, 20, 30])
     np.testing.assert_allclose(curve["mean"], [2.0, 3.5, 3.0])
-    np.testing.assert_allclose(curve["low"], [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(curve["high"], [3.0, 5.0, 3.0])
+    np.testing.assert_array_equal(curve["seeds"], [2, 2, 1])
+    expected = [stats.ttest_1samp(values, 0.0).confidence_interval() for values in ([1.0, 3.0], [2.0, 5.0])]
+    np.testing.assert_allclose(curve["low"], [*(each.low for each in expected), np.nan])
+    np.testing.assert_allclose(curve["high"], [*(each.high for each in expected), np.nan])
+
+
+def test_jobs_that_differ_in_the_seed_alone_are_one_line() -> None:
+    sweep = sweep_of([job(rho=0.3, seed=seed) for seed in (2, 0, 1)])
+    ((line,),) = (panel.lines for panel in sweep.panels)
+    assert (sweep.keys, sweep.line_key, line.value, line.seeds) == (["seed"], "seed", "2, 0, 1", ["2", "0", "1"])
 
 
 def test_without_a_log_there_is_no_curve() -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from helpers.run_directories import make_run
 from ogmp_sb3.config.catalogue import PACKAGE
-from ogmp_sb3.runs.multirun import read_sweep, setting, swept_keys
+from ogmp_sb3.runs.multirun import read_runs, read_sweep, setting, swept_keys
 from ogmp_sb3.runs.run_directory import read_run
 
 
@@ -164,3 +166,52 @@ def test_overrides_stay_text_and_what_is_none_is_a_sentence(tmp_path: Path) -> N
         with pytest.raises(ValueError, match=r"overrides\.yaml: not readable as a list of overrides") as caught:
             read_run(run_dir)
         assert "\n" not in str(caught.value)
+
+
+def edit_config(run: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    data = yaml.safe_load((run / "config.yaml").read_text())
+    change(data)
+    (run / "config.yaml").write_text(yaml.safe_dump(data))
+
+
+def test_jobs_that_differ_in_more_than_their_command_lines_say_are_told_apart(tmp_path: Path) -> None:
+    """A task file, or a default, that has changed between two trainings of the same command but for the seed."""
+    runs = [make_run(tmp_path / str(seed), ["task=parkour", f"seed={seed}"]) for seed in range(3)]
+    for seed, run in enumerate(runs):
+        edit_config(run, lambda data, seed=seed: data["train"].update(seed=seed, torch_threads=seed))
+        edit_config(run, lambda data, seed=seed: data["task"].update(description=f"tried {seed} times"))
+    edit_config(runs[0], lambda data: data["task"].update(min_step_reward=None))  # off, as where it is not known yet
+    assert swept_keys([read_run(run) for run in runs]) == ["seed"]
+    edit_config(runs[2], lambda data: data["task"]["action"].update(scale=1.5))
+    edit_config(runs[1], lambda data: data["task"].update(observations={"clock": {}}))
+    jobs = [read_run(run) for run in runs]
+    assert swept_keys(jobs) == ["seed", "action.scale", "observations.clock"]
+    assert [setting(job, "action.scale") for job in jobs] == [2.0, 2.0, 1.5]
+
+
+def test_what_a_swept_key_explains_is_no_difference_of_its_own(tmp_path: Path) -> None:
+    for i, task in enumerate(("parkour", "dive", "dive")):
+        run = make_run(tmp_path / str(i), [f"task={task}", f"seed={i}"])
+        edit_config(run, lambda data, task=task: data["task"].update(horizon=30 if task == "parkour" else None))
+    assert swept_keys(read_sweep(tmp_path)) == ["task", "seed"]
+
+
+def test_a_robot_that_has_moved_is_the_same_robot(tmp_path: Path) -> None:
+    for place, digest in (("a", "1"), ("b", "1"), ("c", "2")):
+        run = make_run(tmp_path / place, ["task=parkour"])
+        edit_config(run, lambda data, place=place: data["task"].update(robot=f"/{place}/robot.yaml"))
+        edit_config(run, lambda data, digest=digest: data.update(robot={"digest": digest}))
+    assert swept_keys([read_run(tmp_path / place) for place in "ab"]) == []
+    assert swept_keys([read_run(tmp_path / place) for place in "abc"]) == ["robot"]
+
+
+def test_runs_to_compare_are_read_once_each_from_directories_of_one_or_of_several(tmp_path: Path) -> None:
+    single = make_run(tmp_path / "single", ["task=parkour"], steps=100)
+    make_run(tmp_path / "more" / "a", ["task=parkour", "seed=1"], steps=100)
+    make_run(tmp_path / "more" / "b", ["task=parkour", "seed=2"], steps=100)
+    folders = [single, tmp_path / "more", tmp_path / "more" / "a", single / ".." / "single"]
+    assert [setting(run, "seed") for run in read_runs(folders)] == [0, 1, 2]
+    (single / "progress.csv").write_text("damaged")
+    assert [run.state for run in read_runs([single])] == ["damaged"]
+    with pytest.raises(ValueError, match="nowhere': no such directory"):
+        read_runs([single, tmp_path / "nowhere"])

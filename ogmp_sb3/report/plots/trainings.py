@@ -15,6 +15,7 @@ from ogmp_sb3.runs.logs import STEP_COLUMN
 SMOOTH = 5  # rows of progress.csv that a line is averaged over
 BOUND_COLOUR = "#c00000"
 NO_VALUE = "null"  # of rho: no bound
+FOR_BAND = 3  # seeds: the interval of two is nine standard deviations long to either side, and would hide everything
 Rows = list[dict[str, Any]]
 
 
@@ -68,12 +69,14 @@ def plot_training(
 
 
 @in_style
-def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
+def plot_sweep_curves(rows: Rows, key: str, path: Path, seeds: Rows = ()) -> None:  # type: ignore[assignment]
     """Training returns of a sweep: a panel for each combination of the other keys (paper, fig:rho_vary).
 
-    :param rows: ``panel``, ``line``, ``samples``, ``mean``, ``low``, ``high``; lines in the order of their values
+    :param rows: ``panel``, ``line``, ``samples``, ``mean``, ``low``, ``high``, ``seeds``; lines in the order of their
+        values. The band from low to high is drawn where it is of :data:`FOR_BAND` seeds or more
     :param key: what the lines differ in
     :param path: picture to write
+    :param seeds: the trainings behind lines of several: ``panel``, ``line``, ``seed``, ``samples``, ``return``
     """
     panels = list(dict.fromkeys(row["panel"] for row in rows))
     colours = line_colours([row["line"] for row in rows])
@@ -82,28 +85,57 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path) -> None:
     figure, grid = subplots(height, columns, (10.0, 3.2 * height), sharey=True)
     for axes in grid.flat[len(panels) :]:
         axes.axis("off")
+    reach: list[float] = []
     for axes, panel in zip(grid.flat, panels, strict=False):
         for line, colour in colours.items():
             of_line = [row for row in rows if (row["panel"], row["line"]) == (panel, line)]
             if not of_line:  # of a job that has not begun
                 continue
-            x, mean, low, high = (
-                np.array([row[name] for row in of_line]) for name in ("samples", "mean", "low", "high")
-            )  # fmt: skip
+            x, mean, low, high, count = (
+                np.array([row.get(name, 1) for row in of_line], dtype=float)
+                for name in ("samples", "mean", "low", "high", "seeds")
+            )
             style = "--" if line == NO_VALUE else "-"
             axes.plot(x / 1e6, smoothed(mean), style, color=colour, linewidth=1.6, label=f"{key} = {line}")
-            if (high > low).any():
-                axes.fill_between(x / 1e6, smoothed(low), smoothed(high), color=colour, alpha=0.2, linewidth=0)
+            band = np.where(count >= FOR_BAND, [low, high], np.nan)
+            axes.fill_between(x / 1e6, *map(smoothed, band), color=colour, alpha=0.2, linewidth=0)
+            mine = [row for row in seeds if (row["panel"], row["line"]) == (panel, line)]
+            reach += [*smoothed(mean), *_draw_seeds(axes, mine, colour)]
         _frame(axes, "return")
         axes.set_title(panel)
+    _set_reach(grid.flat[0], np.array(reach))
     handles = legend_entries(list(grid.flat))
     figure.legend(handles.values(), handles.keys(), loc="outside right center")
     save(figure, path)
 
 
+def _draw_seeds(axes: Axes, rows: Rows, colour: Any) -> list[float]:
+    """The curves of single trainings, thin; returns what they reach."""
+    reach: list[float] = []
+    for seed in dict.fromkeys(row["seed"] for row in rows):
+        mine = [row for row in rows if row["seed"] == seed]
+        values = smoothed(np.array([row["return"] for row in mine], dtype=float))
+        axes.plot([row["samples"] / 1e6 for row in mine], values, color=colour, linewidth=0.5, alpha=0.6)
+        reach += values.tolist()
+    return reach
+
+
+def _set_reach(axes: Axes, values: np.ndarray) -> None:
+    """Limit an axis to what lines reach: the interval of a few seeds goes far beyond."""
+    known = values[np.isfinite(values)]
+    if len(known) and known.max() > known.min():
+        margin = 0.08 * (known.max() - known.min())
+        axes.set_ylim(known.min() - margin, known.max() + margin)
+
+
 @in_style
 def plot_objectives(
-    rows: Rows, key: str, bounds: dict[str, float | None], standing: tuple[float, float] | None, path: Path
+    rows: Rows,
+    key: str,
+    bounds: dict[str, float | None],
+    standing: tuple[float, float] | None,
+    path: Path,
+    seeds: Rows = (),  # type: ignore[assignment]
 ) -> None:
     """Objectives of the jobs of a sweep against one key, a panel for each objective (paper, fig:abl).
 
@@ -112,6 +144,7 @@ def plot_objectives(
     :param bounds: objective -> what it can reach at most, or None
     :param standing: values of the key above which a robot may stand still, in the easiest and the hardest mode, or None
     :param path: picture to write
+    :param seeds: the trainings behind points of several, small: ``objective``, ``line``, ``value``, ``mean``
     """
     places = _places(list(dict.fromkeys(row["value"] for row in rows)))
     lines = list(dict.fromkeys(row["line"] for row in rows))
@@ -121,6 +154,9 @@ def plot_objectives(
         for line in lines:
             of_line = [row for row in rows if (row["objective"], row["line"]) == (objective, line)]
             _draw_means(axes, of_line, places, colours[line], line)
+            dots = [row for row in seeds if (row["objective"], row["line"]) == (objective, line)]
+            x, y = [places[row["value"]] for row in dots], [row["mean"] for row in dots]
+            axes.scatter(x, y, s=9, facecolors="none", edgecolors=[colours[line]], linewidths=0.8)
         if bound is not None:
             axes.axhline(bound, color=BOUND_COLOUR, linewidth=1.4, label="upper bound")
         if standing is not None:

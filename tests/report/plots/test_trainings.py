@@ -74,6 +74,22 @@ def test_what_is_not_known_has_no_bar(figures: list[Figure]) -> None:
     np.testing.assert_allclose(figures[0].axes[0].lines[0].get_xydata(), [[0, 1.0]])
 
 
+def test_a_band_is_drawn_from_three_seeds_on_and_single_trainings_are_thin(figures: list[Figure]) -> None:
+    rows = [
+        {"panel": "", "line": line, "samples": samples, "seeds": seeds, "mean": 5.0 + samples / 1e6, "low": -90.0,
+         "high": 90.0}
+        for line, seeds in (("0.3", 3), ("0.5", 2))
+        for samples in (1e6, 2e6)
+    ]  # fmt: skip
+    seeds = [{"panel": "", "line": "0.3", "seed": seed, "samples": 1e6, "return": 4.0 + seed} for seed in range(3)]
+    trainings.plot_sweep_curves(rows, "rho", Path("unused"), seeds)
+    (axes,) = figures[0].axes
+    assert [line.get_linewidth() for line in axes.lines] == [1.6, 0.5, 0.5, 0.5, 1.6]
+    three, two = (band.get_paths() for band in axes.collections)
+    assert {*three[0].vertices[:, 1]} == {-90.0, 90.0} and not any(len(path.vertices) for path in two)
+    assert 3.0 < axes.get_ylim()[0] and axes.get_ylim()[1] < 8.0  # the lines, not the band
+
+
 def test_curves_have_a_panel_and_a_line_for_each_job_that_has_begun(figures: list[Figure]) -> None:
     begun = [("oracle = lqr", "0.3"), ("oracle = preview", "0.3"), ("oracle = preview", "null")]
     rows = [
