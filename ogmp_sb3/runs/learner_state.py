@@ -88,7 +88,7 @@ def _set_state(model: RecurrentPPO, tensors: dict[str, th.Tensor], plain: dict[s
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
     model._last_obs = tensors["last_observation"].numpy()
     model._last_episode_starts = tensors["last_episode_starts"].numpy()
-    lstm = [tensors[f"lstm.{i}"] for i in range(4)]
+    lstm = [tensors[f"lstm.{i}"].to(model.device) for i in range(4)]
     model._last_lstm_states = RNNStates((lstm[0], lstm[1]), (lstm[2], lstm[3]))
     version, internal, gauss = plain["python_generator"]
     random.setstate((version, tuple(internal), gauss))

@@ -24,7 +24,7 @@ from ogmp_sb3.runs.storage import load_json
 BEST = "best"  # in a run directory: the best policy so far
 CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 # What may change when a run goes on.
-RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads")
+RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads", "device")
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
 CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
+
+import torch as th
 
 from ogmp_sb3.config.plugins import loaded_plugins
 from ogmp_sb3.config.strict import check_range
@@ -14,6 +17,7 @@ from ogmp_sb3.sb3.hyperparameters import PPOConfig
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
 MAX_THREADS = 1024
+DEVICES = r"cpu|auto|cuda(:\d{1,3})?"
 MAX_SEED = 2**32 - 1  # of numpy's global generator, which Stable-Baselines3 seeds
 
 
@@ -39,6 +43,8 @@ class TrainConfig:
     """auto: one for each CPU"""
     ppo: PPOConfig
     """the learner"""
+    device: str = "cpu"
+    """where the networks are: cpu, cuda, cuda:<number>, or auto (a CUDA device if there is one)"""
 
     def __post_init__(self) -> None:
         for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
@@ -49,6 +55,8 @@ class TrainConfig:
         check_range("seed", self.seed, 0, MAX_SEED)
         if self.ppo.n_steps * self.num_envs < 2:
             raise ValueError("'ppo.n_steps' and 'num_envs' are 1: one sample is too few to learn from.")
+        if not re.fullmatch(DEVICES, self.device):
+            raise ValueError(f"'device' must be cpu, cuda, cuda:<number> or auto, found {self.device!r}.")
         for name in ("torch_threads", "physics_threads"):
             setting = getattr(self, name)
             if setting != "auto" and not (isinstance(setting, int) and 1 <= setting <= MAX_THREADS):
@@ -62,6 +70,22 @@ class TrainConfig:
 def thread_count(setting: str | int) -> int:
     """A number of threads, ``auto`` meaning one for each CPU this process may use."""
     return len(os.sched_getaffinity(0)) if setting == "auto" else int(setting)
+
+
+def torch_device(setting: str) -> str:
+    """The device that a setting means here.
+
+    :raises ValueError: if there is none
+    """
+    there = th.cuda.device_count() if th.cuda.is_available() else 0
+    if setting == "auto":
+        return "cuda" if there else "cpu"
+    if setting != "cpu" and int(setting.partition(":")[2] or 0) >= there:
+        found = f"{there} of them" if there else "none"
+        raise ValueError(
+            f"'device' is {setting}, but of CUDA devices PyTorch finds {found} here; cpu and auto are there."
+        )
+    return setting
 
 
 def versions() -> dict[str, str]:

@@ -34,7 +34,7 @@ from ogmp_sb3.runs.run_directory import (
     run_config,
     tidy_run,
 )
-from ogmp_sb3.runs.settings import TrainConfig, thread_count, versions
+from ogmp_sb3.runs.settings import TrainConfig, thread_count, torch_device, versions
 from ogmp_sb3.runs.signals import saved_first
 from ogmp_sb3.runs.storage import load_json, write_yaml
 from ogmp_sb3.sb3.learner import make_model
@@ -134,7 +134,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     config, run_dir = job.config, job.run_dir
     task, record = with_own_files(job.task, job.task_data["robot"], run_dir, checkpoint)
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
-    model = make_model(env, config.ppo, config.seed)
+    model = make_model(env, config.ppo, config.seed, device=torch_device(config.device))
     origin = {"task": job.task_data, "task_file": task.file, ROBOT: asdict(record), "versions": versions()}
     callbacks, checkpoints = _callbacks(job, origin)
     progress = ProgressBar(config.total_timesteps)

@@ -23,18 +23,34 @@ K = TypeVar("K", bound=StockRecurrentPPO)
 
 @overload
 def make_model(
-    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, **hyperparameters: float | None
+    env: VecEnv,
+    ppo: PPOConfig | None = None,
+    seed: int = 0,
+    *,
+    device: str = "cpu",
+    **hyperparameters: float | list[int] | None,
 ) -> RecurrentPPO: ...
 
 
 @overload
 def make_model(
-    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, *, kind: type[K], **hyperparameters: float | None
+    env: VecEnv,
+    ppo: PPOConfig | None = None,
+    seed: int = 0,
+    *,
+    kind: type[K],
+    device: str = "cpu",
+    **hyperparameters: float | list[int] | None,
 ) -> K: ...
 
 
 def make_model(
-    env: VecEnv, ppo: PPOConfig | None = None, seed: int = 0, kind: Any = RecurrentPPO, **hyperparameters: Any
+    env: VecEnv,
+    ppo: PPOConfig | None = None,
+    seed: int = 0,
+    kind: Any = RecurrentPPO,
+    device: str = "cpu",
+    **hyperparameters: Any,
 ) -> Any:
     """A new recurrent policy and its learner.
 
@@ -42,6 +58,7 @@ def make_model(
     :param ppo: hyper-parameters; None: those of ``ogmp-train``
     :param seed: of the networks
     :param kind: the learner's class: ours, or sb3-contrib's
+    :param device: of the networks, as in Stable-Baselines3
     :param hyperparameters: replace some of ``ppo`` by name, e.g. ``learning_rate=1e-4, n_steps=32``; the names are
         the fields of :class:`~ogmp_sb3.sb3.hyperparameters.PPOConfig`
     :return: a ``kind``
@@ -61,7 +78,7 @@ def make_model(
         {**ppo.settings(), "mirrors": _mirrors(batch) if ppo.symmetry else None} if ours else ppo.stock_settings()
     )
     policy = LstmPolicy if ppo.input_layers else "MlpLstmPolicy"  # sb3-contrib's own of this name has no layers
-    model = kind(policy, env, seed=seed, device="cpu", policy_kwargs=network, **settings)
+    model = kind(policy, env, seed=seed, device=device, policy_kwargs=network, **settings)
     if not ours:
         half_life = ppo.learning_rate_half_life or math.inf
         model.policy.log_std.requires_grad_(ppo.learn_noise)

@@ -118,13 +118,16 @@ class SequenceBuffer(RolloutBuffer):
             saved = step[start] if self.chunk_length is None else step[start] // self.chunk_length
             groups.append(
                 SequenceGroup(
-                    steps=th.from_numpy(transitions[index]),
-                    valid=th.from_numpy(place < length[members]),
-                    keep=th.from_numpy(~episode_start[start]).float()[:, None],
-                    stored=th.from_numpy(saved * self.n_envs + env[start]),
+                    steps=self._tensor(transitions[index]),
+                    valid=self._tensor(place < length[members]),
+                    keep=self._tensor(~episode_start[start]).float()[:, None],
+                    stored=self._tensor(saved * self.n_envs + env[start]),
                 )
             )
         return Minibatch(groups, th.cat([group.steps[group.valid] for group in groups]))
+
+    def _tensor(self, array: np.ndarray) -> th.Tensor:
+        return th.from_numpy(array).to(self.device)
 
 
 def _flatten(array: np.ndarray) -> np.ndarray:

@@ -35,21 +35,19 @@ class Symmetry:
         self._observation = observation
         named = dict(policy.named_parameters())
         first = f"{LAYERS}0.weight" if any(LAYERS in name for name in named) else "weight_ih_l0"
-        self._images = [
-            (
-                weight,
-                *_image_of_weight(name, tuple(weight.shape), observation if name.endswith(first) else None, action),
-            )
-            for name, weight in named.items()
-        ]
+        self._images = []
+        for name, weight in named.items():
+            inputs = observation if name.endswith(first) else None
+            source, sign = _image_of_weight(name, tuple(weight.shape), inputs, action)
+            self._images.append((weight, source.to(weight.device), sign.to(weight.device)))
 
     @th.no_grad()
     def symmetrise_weights(self) -> None:
         """Make the weights their own mirror image: of each two that are each other's, the first counts."""
         for weight, source, sign in self._images:
-            first = th.minimum(source, th.arange(len(source)))
-            values = weight.flatten()
-            odd = (first == source) & (first == th.arange(len(source))) & (sign < 0)  # its own image, and its negative
+            own = th.arange(len(source), device=source.device)
+            first, values = th.minimum(source, own), weight.flatten()
+            odd = (source == own) & (sign < 0)  # its own image, and its negative
             values = th.where(first == source, sign * values[source], values)
             weight.copy_(th.where(odd, 0.0, values).view_as(weight))
 
@@ -138,6 +136,6 @@ class SymmetricNoise(DiagGaussianDistribution):
 
     def _scaled(self, noise: th.Tensor, factor: float) -> th.Tensor:
         """Noise with its opposite part times a factor."""
-        image = self._sign * noise[:, self._source]
+        image = self._sign.to(noise.device) * noise[:, self._source.to(noise.device)]
         scaled: th.Tensor = 0.5 * (noise + image) + 0.5 * factor * (noise - image)
         return scaled

@@ -12,7 +12,7 @@ import pytest
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.runs.settings import TrainConfig, thread_count, versions
+from ogmp_sb3.runs.settings import TrainConfig, thread_count, torch_device, versions
 from ogmp_sb3.sb3.hyperparameters import DEFAULTS
 
 
@@ -33,6 +33,7 @@ def test_the_defaults_are_right_and_complete() -> None:
         ({"seed": 2**32}, "'seed' must be at most 4,294,967,295"),
         ({"policy_average": 0}, "'policy_average' must be at least 1 or null, found 0"),
         ({"torch_threads": "all"}, "'torch_threads' must be auto or a whole number from 1 to 1024, found 'all'"),
+        ({"device": "gpu"}, "'device' must be cpu, cuda, cuda:<number> or auto, found 'gpu'"),
         ({"physics_threads": 0}, "'physics_threads' must be auto or a whole number from 1 to 1024, found 0"),
     ],
 )
@@ -44,6 +45,16 @@ def test_a_value_out_of_range_is_a_sentence(changes: dict[str, Any], message: st
 def test_auto_is_a_thread_for_each_cpu_of_this_process() -> None:
     assert thread_count("auto") == len(os.sched_getaffinity(0))
     assert thread_count(3) == 3
+
+
+@pytest.mark.parametrize("there, setting, device", [(0, "auto", "cpu"), (1, "auto", "cuda"), (2, "cuda:1", "cuda:1")])
+def test_a_device_is_one_that_there_is(there: int, setting: str, device: str, monkeypatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: there > 0)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: there)
+    assert torch_device("cpu") == "cpu"
+    assert torch_device(setting) == device
+    with pytest.raises(ValueError, match=f"^'device' is cuda:{there}, but of CUDA devices PyTorch finds "):
+        torch_device(f"cuda:{there}")
 
 
 def test_versions_are_those_installed() -> None:
