@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,6 +13,7 @@ import torch as th
 from rich.table import Table
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.bench.gate import ELSEWHERE, TOLERANCE, bench_gate, compare, cpu, read_baseline, shown
 from ogmp_sb3.commands.bench.learner import bench_learner
 from ogmp_sb3.commands.bench.peer import bench_peer
 from ogmp_sb3.commands.bench.physics import bench_physics
@@ -35,12 +37,12 @@ PROGRAM = "ogmp-bench"
 class BenchConfig:
     """Keys of the command line."""
 
-    what: Literal["sim", "learner", "train", "scaling", "physics"] = cli.option(
-        "sim, learner, train, scaling or physics; the key may be left out"
+    what: Literal["sim", "learner", "train", "scaling", "physics", "gate"] = cli.option(
+        "sim, learner, train, scaling, physics or gate; the key may be left out"
     )
     task: str | None = cli.option("a task by name or the path of a YAML file; null: parkour, or that of 'run'", None)
     num_envs: int = cli.option("environments of the comparison", 64)
-    steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or two rollouts", 0)
+    steps: int = cli.option("control steps (sim) or samples (train) of one repeat; 0: 150, or one rollout", 0)
     repeats: int = cli.option("repeats; medians are reported", 5)
     run: str | None = cli.option(
         "policy: its training goes on (train, scaling), its motions are replayed (physics); null: an untrained one",
@@ -48,6 +50,7 @@ class BenchConfig:
     )
     stock: bool = cli.option("train: also measure sb3-contrib's RecurrentPPO", True)
     peer: Literal["rsl_rl"] | None = cli.option("learner: compare with that of rsl_rl; null: with sb3-contrib's", None)
+    baseline: str | None = cli.option("gate: file of an earlier gate that may not be fallen behind", None)
     robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
     json: str | None = cli.option("file for the numbers; a picture of them is put beside it", None)
@@ -57,22 +60,27 @@ class BenchConfig:
             if getattr(self, name) < 1:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
         for field in fields(self):
-            used = USED_BY.get(field.name, ALL)
+            used = USED_BY.get(field.name, ALL_BUT_GATE)
             if getattr(self, field.name) != field.default and self.what not in used:
                 raise ValueError(f"'{field.name}' is for {_listed(used)}, not for '{self.what}'.")
+        if self.baseline and self.json:
+            raise ValueError("'baseline' compares with a file and 'json' makes one: give one of them.")
         if self.steps < 0:
             raise ValueError(f"'steps' must be at least 0 (0: a default), found {self.steps}.")
 
 
-ALL = ("sim", "learner", "train", "scaling", "physics")
+ALL_BUT_GATE = ("sim", "learner", "train", "scaling", "physics")
 USED_BY = {
+    "what": (*ALL_BUT_GATE, "gate"),
+    "json": (*ALL_BUT_GATE, "gate"),
     "steps": ("sim", "train"),
     "run": ("train", "scaling", "physics"),
     "trust": ("train", "scaling", "physics"),
     "stock": ("train",),
     "peer": ("learner",),
+    "baseline": ("gate",),
 }
-"""What uses a key; the other keys are for all."""
+"""What uses a key; the other keys are for all but the gate, which always measures the same."""
 
 
 def _listed(names: tuple[str, ...]) -> str:
@@ -90,6 +98,7 @@ HELP = cli.usage(
         "ogmp-bench train stock=false run=parkour",
         "ogmp-bench scaling",
         "ogmp-bench physics run=runs/parkour/2026-01-31_12-00-00",
+        "ogmp-bench gate baseline=benchmarks/gate.json",
     ],
     BenchConfig,
 )
@@ -99,18 +108,42 @@ def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"what={a}" for a in arguments]
     config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     th.set_num_threads(thread_count("auto"))
+    if config.what == "gate" and overrides:
+        raise ValueError(f"the gate always measures the same task, found '{overrides[0]}'.")
+    if config.baseline is not None:
+        _compare_with(Path(config.baseline))
+        return
     if config.json:
         Path(config.json).parent.mkdir(parents=True, exist_ok=True)
-    numbers, subject = _measured(config, overrides)
+    numbers, subject = (bench_gate(), "one thread") if config.what == "gate" else _measured(config, overrides)
     title = f"{PROGRAM} {config.what}, {subject}, {platform.processor() or platform.machine()}"
-    cells = [(name, f"{value:,.3f}" if value < 100 else f"{value:,.0f}") for name, value in numbers.items()]
-    _print(title, ("what", "value"), cells)
+    _print(title, ("what", "value"), [(name, shown(value)) for name, value in numbers.items()])
     if config.json:
         cores = thread_count("auto")
         report = {"config": asdict(config), "overrides": overrides, "numbers": numbers, "cores": cores}
-        save_json(Path(config.json), {**report, "versions": versions()})
+        save_json(Path(config.json), {**report, "cpu": cpu(), "versions": versions()})
         if any("per_second" in name for name in numbers):
             plot_throughput(f"{PROGRAM} {config.what}, {cores} cores", numbers, Path(config.json).with_suffix(".png"))
+
+
+def _compare_with(file: Path) -> None:
+    """Print every measure of the gate beside its baseline.
+
+    :raises SystemExit: with 1, if one has fallen behind
+    """
+    baseline, differences = read_baseline(file)
+    tolerance = ELSEWHERE if differences else TOLERANCE
+    rows = compare(baseline, tolerance)
+    cells = [(row.name, shown(row.baseline), shown(row.now), row.allowed) for row in rows]
+    _print(f"{PROGRAM} gate, one thread", ("measure", "baseline", "now", "allowed"), cells)
+    if differences:
+        cli.console().print(f"{tolerance:.0%} are allowed, as {file} is from elsewhere: {', '.join(differences)}.")
+    behind = [row for row in rows if not row.passes]
+    for row in behind:
+        print(f"{PROGRAM}: {row.name} is {shown(row.now)}, {row.allowed} is allowed.", file=sys.stderr)
+    if behind:
+        print(f"{PROGRAM}: if that is meant, make the baseline anew: {PROGRAM} gate json={file}", file=sys.stderr)
+        raise SystemExit(1)
 
 
 def _print(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
@@ -142,7 +175,8 @@ def _measured(config: BenchConfig, overrides: list[str]) -> tuple[Numbers, str]:
     if config.what == "train":
         return bench_train(task, config.num_envs, config.steps, config.repeats, policy, config.stock), subject
     if config.peer is not None:
-        return bench_peer(task, config.num_envs, config.repeats), f"{subject}, CPU seconds of one thread"
+        numbers = bench_peer(task, config.num_envs, config.repeats)
+        return numbers, f"shapes of {task.name}, CPU seconds of one thread"
     return bench_learner(task, config.num_envs, config.repeats), subject
 
 

@@ -23,7 +23,6 @@ from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 BARE_DT = 0.002  # s: physics step of the bare physics, whatever the training's own is
 PARTS = ("physics", "environment", "inference", "learner")
-ROLLOUTS = 2  # of one repeat
 
 
 class Training:
@@ -90,14 +89,14 @@ def bench_train(
 ) -> Numbers:
     """Whole training by the default recipe, against bare physics of 2 ms and against stock.
 
-    :param steps: samples of one repeat, in whole rollouts; 0: two rollouts
+    :param steps: samples of one repeat, in whole rollouts, at least one
     :param policy: whose training goes on; None: an untrained one
     :param stock: also measure sb3-contrib's RecurrentPPO on a SubprocVecEnv of the same environment, same settings
     """
     task = trained_task(task, policy)
     training = Training(task, num_envs, policy)
     rollout = training.rollout
-    samples = max(steps or ROLLOUTS * rollout, rollout) // rollout * rollout
+    samples = max(steps, rollout) // rollout * rollout
     bare_task = at_bare_dt(task)
     recording = record(bare_task, num_envs, training.recipe.n_steps, policy)
     _, replay = bare_replay(bare_task, recording)

@@ -19,11 +19,21 @@ from ogmp_sb3.commands.bench import program as bench
         ("learner", "steps", 10, "'steps' is for 'sim' and 'train', not for 'learner'"),
         ("sim", "stock", False, "'stock' is for 'train' alone, not for 'sim'"),
         ("train", "peer", "rsl_rl", "'peer' is for 'learner' alone, not for 'train'"),
+        ("sim", "baseline", "gate.json", "'baseline' is for 'gate' alone, not for 'sim'"),
+        ("gate", "repeats", 2, "'repeats' is for 'sim', 'learner', 'train', 'scaling' and 'physics', not for 'gate'"),
+        ("gate", "task", "dive", "'task' is for .*, not for 'gate'"),
     ],
 )
 def test_what_a_benchmark_does_not_use_is_refused(what: Any, key: str, value: Any, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         bench.BenchConfig(what=what, **{key: value})
+
+
+def test_the_gate_takes_no_overrides_and_makes_a_baseline_or_compares_with_one() -> None:
+    with pytest.raises(ValueError, match="the gate always measures the same task, found 'modes"):
+        bench._run(["gate", "modes.jump=null"])
+    with pytest.raises(ValueError, match="'baseline' compares with a file and 'json' makes one"):
+        bench.BenchConfig(what="gate", baseline="gate.json", json="gate.json")
 
 
 def test_a_training_is_of_the_policy_that_is_named(
