@@ -9,6 +9,7 @@ from ogmp_sb3.runs.settings import thread_count
 from ogmp_sb3.sb3.policy import LstmPolicy
 
 CORES = (4, 8, 16, 32)
+THREADED = ("physics", "inference", "learner")  # the environment around its physics has one thread
 NETWORKS = ("inference", "learner")  # parts whose two threads are actor and critic
 
 
@@ -34,7 +35,7 @@ def bench_scaling(task: TaskConfig, num_envs: int, repeats: int, policy: LstmPol
     for threads, sample in ((1, one), (2, two)):
         numbers[f"samples_per_second_{threads}_threads"] = 1 / sum(sample.values())
         numbers |= {f"{name}_{threads}_threads": share for name, share in shares(parts[threads]).items()}
-    numbers |= {f"parallel_{part}": parallel_share(one[part], two[part]) for part in PARTS}
+    numbers |= {f"parallel_{part}": parallel_share(one[part], two[part]) for part in THREADED}
     for cores in CORES:
         numbers[f"predicted_samples_per_second_{cores}_cores"] = predicted(one, two, cores)
     for cores in CORES:
@@ -61,8 +62,8 @@ def predicted(one: Numbers, two: Numbers, cores: int, networks: bool = False) ->
     :param networks: whether inference and learner gain from more than two threads; else they are as with two, one for
         the actor and one for the critic
     """
-    seconds = 0.0
-    for part in PARTS:
+    seconds = sum(one[part] for part in PARTS if part not in THREADED)
+    for part in THREADED:
         share, threads = parallel_share(one[part], two[part]), 2 if part in NETWORKS and not networks else cores
         seconds += one[part] * (1 - share + share / threads)
     return 1 / seconds

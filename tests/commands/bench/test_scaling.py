@@ -13,9 +13,7 @@ ONE = {"physics": 8.0, "environment": 1.0, "inference": 2.0, "learner": 6.0}
 TWO = {"physics": 4.0, "environment": 1.0, "inference": 1.5, "learner": 4.0}
 
 
-@pytest.mark.parametrize(
-    ("part", "share"), [("physics", 1.0), ("environment", 0.0), ("inference", 0.5), ("learner", 2 / 3)]
-)
+@pytest.mark.parametrize(("part", "share"), [("physics", 1.0), ("inference", 0.5), ("learner", 2 / 3)])
 def test_shares_by_amdahl_s_law(part: str, share: float) -> None:
     assert scaling.parallel_share(ONE[part], TWO[part]) == pytest.approx(share)
 
@@ -35,6 +33,10 @@ def test_networks_gain_nothing_from_more_than_two_threads_unless_asked() -> None
     assert scaling.predicted(ONE, TWO, 8) == pytest.approx(1 / (1 + 1 + 1.5 + 4))
     # physics 8 / 8, environment 1, inference 1 + 1 / 8, learner 2 + 4 / 8
     assert scaling.predicted(ONE, TWO, 8, networks=True) == pytest.approx(1 / (1 + 1 + 1.125 + 2.5))
+
+
+def test_an_environment_that_was_faster_beside_two_threads_by_chance_is_serial_all_the_same() -> None:
+    assert scaling.predicted(ONE, {**TWO, "environment": 0.5}, 8) == scaling.predicted(ONE, TWO, 8)
 
 
 def test_one_cpu_is_too_few(monkeypatch: pytest.MonkeyPatch) -> None:
