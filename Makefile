@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip
 SOURCES := setup.cfg pyproject.toml constraints.txt
 
-.PHONY: help train test coverage integrations lint types audit docs map clean
+.PHONY: help train test coverage integrations lint types audit speed docs map clean
 .DELETE_ON_ERROR:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make lint    check the code with ruff"
 	@echo "make types   check the types with mypy"
 	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
+	@echo "make speed   check that nothing is slower than benchmarks/gate.json says"
 	@echo "make docs    build the documentation into docs/_build/html"
 	@echo "make map     draw the packages and their imports into docs/images/map.svg"
 	@echo "make clean   remove the virtual environment and everything built"
@@ -54,6 +55,10 @@ types: $(VENV)/.installed-dev
 audit: $(VENV)/.installed-dev $(VENV)/audit/.installed
 	$(PIP) check
 	$(BIN)/python .ci/audit.py $(VENV)/audit/bin/pip-audit
+
+# Ratios and counts that hardly depend on the machine, against the committed baseline.
+speed: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/ogmp-bench gate baseline=benchmarks/gate.json
 
 docs: $(VENV)/.installed-dev
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html

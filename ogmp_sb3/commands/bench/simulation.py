@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
+from ogmp_sb3.commands.bench.timing import Numbers, PartClock, median, seconds_of
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.runs.settings import thread_count
 from ogmp_sb3.sb3.gym_env import OgmpEnv
+from ogmp_sb3.sb3.policy import LstmPolicy
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
-
-Numbers = dict[str, float]
 
 
 def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numbers:
@@ -31,10 +28,11 @@ def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numb
     :param steps: control steps of one repeat; every size takes about as many samples
     """
     recording = record(task, num_envs, steps)
+    _, replay = bare_replay(task, recording)
     whole, bare = [], []
     for _ in range(repeats):
         whole.append(_time_recording(task, recording))
-        bare.append(seconds_of(bare_replay(task, recording)[1]))
+        bare.append(seconds_of(lambda: list(replay())))
     numbers = {
         "sim_over_bare_physics": median(bare) / median(whole),
         "steps_per_second": num_envs * steps / median(whole),
@@ -55,8 +53,12 @@ def bench_sim(task: TaskConfig, num_envs: int, steps: int, repeats: int) -> Numb
 
 @dataclass(frozen=True)
 class Recording:
-    """A run of a batch of environments: what went in, and the state after every reset."""
+    """A run of a batch of environments: what went in, and the state at its begin and after every reset."""
 
+    states: np.ndarray
+    """simulation states at the begin, shape (num_envs, size)"""
+    terrain: np.ndarray
+    """at the begin, shape (num_envs, boxes, 5)"""
     actions: np.ndarray
     """shape (steps, num_envs, joints)"""
     resets: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -64,25 +66,37 @@ class Recording:
     laid: list[tuple[np.ndarray, np.ndarray]]
     """after each step: rows whose track went on, their terrain"""
 
+    @property
+    def endings(self) -> float:
+        """Share of the samples that ended an episode."""
+        return sum(len(rows) for rows, _, _ in self.resets) / self.actions[..., 0].size
 
-def _actions(task: TaskConfig, steps: int, num_envs: int) -> np.ndarray:
+
+def untrained_actions(task: TaskConfig, steps: int, num_envs: int) -> np.ndarray:
     """What an untrained policy does: the exploration noise."""
     size = (steps, num_envs, len(task.robot_config.joints))
     return (task.action.noise / task.action.scale * np.random.default_rng(0).standard_normal(size)).astype(np.float32)
 
 
-def record(task: TaskConfig, num_envs: int, steps: int) -> Recording:
-    """Run an untrained policy and write down what physics saw."""
+def record(task: TaskConfig, num_envs: int, steps: int, policy: LstmPolicy | None = None) -> Recording:
+    """Run a policy with its exploration noise, and write down what physics saw.
+
+    :param policy: None: an untrained one
+    """
     env = OgmpVecEnv(task, num_envs, seed=0)
-    env.reset()
-    recording = Recording(_actions(task, steps, num_envs), [], [])
+    observation: Any = env.reset()
+    memory, starts = None, np.ones(num_envs, dtype=bool)
     batch = env.batch
-    before = batch.terrain.copy()
+    actions = untrained_actions(task, steps, num_envs)
+    recording = Recording(batch.sim.mj.state.copy(), batch.terrain.copy(), actions, [], [])
+    before = recording.terrain
     for action in recording.actions:
-        _, _, dones, _ = env.step(action)
-        ended = np.flatnonzero(dones)
+        if policy is not None:
+            action[:], memory = policy.predict(observation, memory, starts)
+        observation, _, starts, _ = env.step(action)
+        ended = np.flatnonzero(starts)
         recording.resets.append((ended, batch.sim.mj.state[ended].copy(), batch.terrain[ended].copy()))
-        moved = np.flatnonzero((batch.terrain != before).any(axis=(1, 2)) & ~dones)
+        moved = np.flatnonzero((batch.terrain != before).any(axis=(1, 2)) & ~starts)
         recording.laid.append((moved, batch.terrain[moved].copy()))
         before = batch.terrain.copy()
     return recording
@@ -94,18 +108,21 @@ def _time_recording(task: TaskConfig, recording: Recording) -> float:
     return seconds_of(lambda: [env.step(action) for action in recording.actions])
 
 
-def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Callable[[], None]]:
-    """The same physics and nothing else: a simulation, and what replays the recorded controls, resets and terrain."""
-    reference = BatchEnv(task, recording.actions.shape[1], seed=0)
-    reference.reset()
-    every = np.arange(reference.num_envs)
-    sim = Simulation(task.robot_config, len(every), task.physics_dt, task.track.boxes, 0)
-    sim.mj.state[:] = reference.sim.mj.state
-    sim.set_terrain(every, reference.terrain)
+def bare_replay(
+    task: TaskConfig, recording: Recording, threads: int = 0
+) -> tuple[Simulation, Callable[[], Iterator[None]]]:
+    """The same physics and nothing else.
+
+    :return: a simulation, and what replays the recorded controls, resets and terrain in it, step by step
+    """
+    every = np.arange(recording.actions.shape[1])
+    sim = Simulation(task.robot_config, len(every), task.physics_dt, task.track.boxes, threads)
     nominal = np.array(task.robot_config.nominal_joints)
     targets = nominal + task.action.scale * np.clip(recording.actions, -1.0, 1.0)
 
-    def replay() -> None:
+    def replay() -> Iterator[None]:
+        sim.mj.state[:] = recording.states
+        sim.set_terrain(every, recording.terrain)
         for target, (rows, states, boxes), (moved, track) in zip(
             targets, recording.resets, recording.laid, strict=True
         ):
@@ -115,6 +132,7 @@ def bare_replay(task: TaskConfig, recording: Recording) -> tuple[Simulation, Cal
                 if len(changed):
                     sim.set_terrain(changed, ground)
             sim.mj.state[rows] = states
+            yield
 
     return sim, replay
 
@@ -123,33 +141,21 @@ def _shares(task: TaskConfig, recording: Recording) -> Numbers:
     """Shares of the time of a step, by wrapping the parts with a clock."""
     env = OgmpVecEnv(task, recording.actions.shape[1], seed=0)
     env.reset()
-    spent: Numbers = {}
-
-    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def wrapped(*args: Any, **kwargs: Any) -> Any:
-            begin = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
-
-        return wrapped
-
-    batch: Any = env.batch
-    batch.sim.step = timed("physics", batch.sim.step)
-    batch.guide.query = timed("oracle", batch.guide.query)
-    batch._observe = timed("observation", batch._observe)
-    batch.reset = timed("reset", batch.reset)
+    batch, clock = cast(Any, env.batch), PartClock()
+    batch.sim.step = clock.timed("physics", batch.sim.step)
+    batch.guide.query = clock.timed("oracle", batch.guide.query)
+    batch._observe = clock.timed("observation", batch._observe)
+    batch.reset = clock.timed("reset", batch.reset)
     for name, term in batch._rewards.items():
-        batch._rewards[name] = timed("reward", term)
+        batch._rewards[name] = clock.timed("reward", term)
     total = seconds_of(lambda: [env.step(action) for action in recording.actions])
-    return {f"share_{name}": seconds / total for name, seconds in sorted(spent.items())}
+    return {f"share_{name}": seconds / total for name, seconds in sorted(clock.seconds.items())}
 
 
 def _throughput(task: TaskConfig, num_envs: int, steps: int, threads: int) -> float:
     env = OgmpVecEnv(task, num_envs, seed=0, threads=threads)
     env.reset()
-    actions = _actions(task, steps, num_envs)
+    actions = untrained_actions(task, steps, num_envs)
     return num_envs * steps / seconds_of(lambda: [env.step(action) for action in actions])
 
 
@@ -162,20 +168,7 @@ def stock_env(kind: Callable[..., VecEnv], task: TaskConfig, number: int) -> Vec
 
 
 def _time_stock(kind: Callable[..., VecEnv], task: TaskConfig, number: int, steps: int) -> float:
-    actions = _actions(task, steps, number)
+    actions = untrained_actions(task, steps, number)
     with closing(stock_env(kind, task, number)) as env:
         env.reset()
         return seconds_of(lambda: [env.step(action) for action in actions])
-
-
-def seconds_of(body: Callable[[], Any]) -> float:
-    """How long something takes, s."""
-    gc.collect()
-    begin = time.perf_counter()
-    body()
-    return time.perf_counter() - begin
-
-
-def median(values: list[float]) -> float:
-    """The middle of several measurements."""
-    return float(np.median(values))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,11 +12,42 @@ from helpers.programs import program
 from ogmp_sb3.commands.bench import program as bench
 
 
-def test_what_a_benchmark_does_not_use_is_refused() -> None:
-    with pytest.raises(ValueError, match="'run' is for 'physics' alone, not for 'train'"):
-        bench.BenchConfig(what="train", run="parkour")
-    with pytest.raises(ValueError, match="'steps' is for 'sim' and 'train', not for 'learner'"):
-        bench.BenchConfig(what="learner", steps=10)
+@pytest.mark.parametrize(
+    ("what", "key", "value", "sentence"),
+    [
+        ("learner", "run", "parkour", "'run' is for 'train', 'scaling' and 'physics', not for 'learner'"),
+        ("learner", "steps", 10, "'steps' is for 'sim' and 'train', not for 'learner'"),
+        ("sim", "stock", False, "'stock' is for 'train' alone, not for 'sim'"),
+        ("train", "peer", "rsl_rl", "'peer' is for 'learner' alone, not for 'train'"),
+        ("sim", "baseline", "gate.json", "'baseline' is for 'gate' alone, not for 'sim'"),
+        ("gate", "repeats", 2, "'repeats' is for 'sim', 'learner', 'train', 'scaling' and 'physics', not for 'gate'"),
+        ("gate", "task", "dive", "'task' is for .*, not for 'gate'"),
+    ],
+)
+def test_what_a_benchmark_does_not_use_is_refused(what: Any, key: str, value: Any, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        bench.BenchConfig(what=what, **{key: value})
+
+
+def test_the_gate_takes_no_overrides_and_makes_a_baseline_or_compares_with_one() -> None:
+    with pytest.raises(ValueError, match="the gate always measures the same task, found 'modes"):
+        bench._run(["gate", "modes.jump=null"])
+    with pytest.raises(ValueError, match="'baseline' compares with a file and 'json' makes one"):
+        bench.BenchConfig(what="gate", baseline="gate.json", json="gate.json")
+
+
+def test_a_training_is_of_the_policy_that_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = []
+    monkeypatch.setattr(bench, "bench_train", lambda *arguments: given.append(arguments) or {"samples_per_second": 1.0})
+    bench._run(["train", "run=parkour", "rho=0.3", "stock=false", "repeats=2"])
+    bench._run(["train", "num_envs=8", "steps=100"])
+    (task, *numbers, policy, stock), (_, *others, no_policy, with_stock) = given
+    assert task.rho == 0.3 and numbers == [64, 0, 2] and policy.lstm_actor.num_layers and not stock
+    assert others == [8, 100, 5] and no_policy is None and with_stock
+    titles = [line for line in capsys.readouterr().out.splitlines() if line.startswith("ogmp-bench")]
+    assert "train, parkour, policy parkour" in titles[0] and "train, parkour, untrained" in titles[1]
 
 
 def test_numbers_are_kept_with_what_they_are_of(tmp_path: Path) -> None:
