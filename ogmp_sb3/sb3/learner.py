@@ -28,6 +28,7 @@ def make_model(
     seed: int = 0,
     *,
     device: str = "cpu",
+    policy: type[LstmPolicy] = LstmPolicy,
     **hyperparameters: float | list[int] | None,
 ) -> RecurrentPPO: ...
 
@@ -40,6 +41,7 @@ def make_model(
     *,
     kind: type[K],
     device: str = "cpu",
+    policy: type[LstmPolicy] = LstmPolicy,
     **hyperparameters: float | list[int] | None,
 ) -> K: ...
 
@@ -50,6 +52,7 @@ def make_model(
     seed: int = 0,
     kind: Any = RecurrentPPO,
     device: str = "cpu",
+    policy: type[LstmPolicy] = LstmPolicy,
     **hyperparameters: Any,
 ) -> Any:
     """A new recurrent policy and its learner.
@@ -59,6 +62,7 @@ def make_model(
     :param seed: of the networks
     :param kind: the learner's class: ours, or sb3-contrib's
     :param device: of the networks, as in Stable-Baselines3
+    :param policy: class of the policy
     :param hyperparameters: replace some of ``ppo`` by name, e.g. ``learning_rate=1e-4, n_steps=32``; the names are
         the fields of :class:`~ogmp_sb3.sb3.hyperparameters.PPOConfig`
     :return: a ``kind``
@@ -77,7 +81,6 @@ def make_model(
     settings = (
         {**ppo.settings(), "mirrors": _mirrors(batch) if ppo.symmetry else None} if ours else ppo.stock_settings()
     )
-    policy = LstmPolicy if ppo.input_layers else "MlpLstmPolicy"  # sb3-contrib's own of this name has no layers
     model = kind(policy, env, seed=seed, device=device, policy_kwargs=network, **settings)
     if not ours:
         half_life = ppo.learning_rate_half_life or math.inf

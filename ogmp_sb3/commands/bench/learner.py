@@ -8,6 +8,7 @@ from typing import Any
 
 import torch as th
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -56,9 +57,15 @@ def learner(env: VecEnv, recipe: PPOConfig, policy: LstmPolicy | None = None) ->
     return model
 
 
+class SteppedPolicy(LstmPolicy):
+    """The same network, whose LSTM steps through time as sb3-contrib's does."""
+
+    _process_sequence = staticmethod(RecurrentActorCriticPolicy._process_sequence)  # type: ignore[assignment]
+
+
 def stock_learner(env: VecEnv, recipe: PPOConfig, policy: LstmPolicy | None = None) -> StockRecurrentPPO:
     """sb3-contrib's with the same settings, and its own optimiser: Adam, not fused."""
-    model = make_model(env, replace(recipe, target_kl=None), kind=StockRecurrentPPO)
+    model = make_model(env, replace(recipe, target_kl=None), kind=StockRecurrentPPO, policy=SteppedPolicy)
     model.policy.optimizer = th.optim.Adam(model.policy.parameters(), lr=recipe.learning_rate, eps=1e-5)
     _prepare(model, policy)
     return model

@@ -38,7 +38,7 @@ def bench_peer(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
     :raises ValueError: if rsl_rl is missing, or cannot divide the environments among the minibatches
     """
     check_installed()
-    recipe = replace(default_ppo(), chunk_length=None)
+    recipe = replace(default_ppo(), chunk_length=None, input_layers=(), symmetry=False)  # what both have
     samples = recipe.n_steps * num_envs
     numbers: Numbers = {}
     before = th.get_num_threads()

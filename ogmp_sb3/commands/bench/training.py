@@ -70,8 +70,8 @@ def recipe_for(policy: LstmPolicy | None) -> PPOConfig:
     recipe = default_ppo()
     if policy is None:
         return recipe
-    lstm = policy.lstm_actor
-    return replace(recipe, lstm_hidden_size=lstm.hidden_size, n_lstm_layers=lstm.num_layers)
+    lstm, layers = policy.lstm_actor, policy.input_layers
+    return replace(recipe, lstm_hidden_size=lstm.hidden_size, n_lstm_layers=lstm.num_layers, input_layers=layers)
 
 
 def trained_task(task: TaskConfig, policy: LstmPolicy | None) -> TaskConfig:

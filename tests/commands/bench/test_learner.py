@@ -39,10 +39,11 @@ def test_both_learners_have_the_recipe_but_no_early_stop_and_stock_its_own_optim
 
 
 def test_a_policy_that_does_not_fit_is_one_sentence() -> None:
-    policy = load_policy("parkour").policy
+    loaded = load_policy("parkour")
+    task, policy = loaded.task, loaded.policy
     recipe = replace(default_ppo(), n_steps=8, batch_size=16, lstm_hidden_size=8)
     with pytest.raises(ValueError, match=r"the policy's networks do not fit the default recipe and this task \("):
-        learner.learner(RandomEnv(load_task("parkour"), 2, endings=0.1), recipe, policy)
-    blind = load_task("parkour", {"observations.height_scan": None})
+        learner.learner(RandomEnv(task, 2, endings=0.1), recipe, policy)
+    blind = replace(task, observations={**task.observations, "height_scan": None})
     with pytest.raises(ValueError, match=r"the task shows \d+ numbers, but the policy observes"):
         learner.learner(RandomEnv(blind, 2, endings=0.1), recipe, policy)

@@ -71,7 +71,8 @@ def test_training_and_bare_physics_take_turns(monkeypatch: pytest.MonkeyPatch) -
 def test_bare_physics_steps_as_near_to_two_milliseconds_as_the_control_step_allows(
     control_dt: float, bare_dt: float
 ) -> None:
-    task = load_task("parkour", {"physics_dt": control_dt, "control_dt": control_dt})
+    steps = {"physics_dt": control_dt, "evaluation.physics_dt": None}
+    task = load_task("parkour", {"control_dt": control_dt, **steps})
     assert training.at_bare_dt(task).physics_dt == pytest.approx(bare_dt)
 
 
