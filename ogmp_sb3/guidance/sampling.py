@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,11 @@ class ModeCall:
         :raises FunctionFailed: if the mode's function raises an exception
         :raises TypeError: if it returns anything but a Segment
         """
+        return self._segment
+
+    @cached_property
+    def _segment(self) -> Segment:
+        """The answer of the mode's function, which is asked once: where a robot is depends on all modes behind it."""
         segment: Any = call(f"mode '{self.name}'", modes.get(self.name), **self.parameters)
         if not isinstance(segment, Segment):
             raise TypeError(f"what mode '{self.name}' returns must be a Segment; it is {answer_text(segment)}.")
