@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.evaluate import Evaluation, evaluate
-from ogmp_sb3.evaluation.grid import Grid, evaluate_cell, limits
+from ogmp_sb3.evaluation.grid import Grid, ModeCell, evaluate_cells, limits
 from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.evaluation.statistics import estimates_as_data
 from ogmp_sb3.evaluation.traces import Trace, make_trace
@@ -56,34 +55,45 @@ class EvaluatedPolicy:
 
         The return is always among the metrics.
         """
-        settings = {**self._settings, "episodes": episodes, "seed": seed, "stream": stream}
-        of_program = None if settings in self._results or stream != "test" else self._evaluated(episodes, seed)
-        if of_program or settings in self._results:
-            progress(episodes)
+        settings = self._asked(episodes, seed, stream)
 
         def compute() -> dict[str, Any]:
+            of_program = self._evaluated(episodes, seed) if stream == "test" else None
             return (of_program or evaluate(self.loaded, self._test(), episodes, seed, progress, stream)).as_data()
 
         return Evaluation.from_data(self._results.remember(settings, compute))
 
-    def grid(self, grid: Grid, episodes: int, seed: int, progress: Progress) -> dict[str, Any]:
-        """The metrics over a grid of mode parameters, as in ``grid.json``.
+    def evaluation_steps(self, episodes: int, seed: int) -> int:
+        """How many control steps :meth:`evaluation` takes at most: none if it is known."""
+        known = self._asked(episodes, seed, "test") in self._results or self._evaluated(episodes, seed)
+        return 0 if known else episodes * self.task.evaluation.episode_steps
+
+    def grids(self, grids: Sequence[Grid], episodes: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
+        """The metrics over grids of mode parameters, as in ``grid.json``; of every cell they are kept as soon as known.
 
         :param episodes: of each cell
         """
-        task = self._test()
+        unknown = self._unknown_cells(grids, episodes, seed)
+        measured = evaluate_cells(self.loaded, self._test(), unknown, episodes, seed, progress)
+        for cell, metrics in zip(unknown, measured, strict=True):
+            self._results.keep(self._asked(episodes, seed, "test", cell), estimates_as_data(metrics))
+        return [
+            grid.as_data([self._results[self._asked(episodes, seed, "test", (grid.mode, cell))] for cell in grid.cells])
+            for grid in grids
+        ]
 
-        def compute(cell: dict[str, Range]) -> dict[str, Any]:
-            return estimates_as_data(evaluate_cell(self.loaded, task, grid.mode, cell, episodes, seed, progress))
+    def grids_steps(self, grids: Sequence[Grid], episodes: int, seed: int) -> int:
+        """How many control steps :meth:`grids` takes at most: none for cells that are known."""
+        return len(self._unknown_cells(grids, episodes, seed)) * episodes * self.task.evaluation.episode_steps
 
-        metrics = []
-        for cell in grid.cells:
-            asked = {"mode": grid.mode, "cell": limits(cell), "episodes": episodes, "seed": seed, "stream": "test"}
-            settings = {**self._settings, **asked}
-            if settings in self._results:
-                progress(episodes)
-            metrics.append(self._results.remember(settings, partial(compute, cell)))
-        return grid.as_data(metrics)
+    def _unknown_cells(self, grids: Sequence[Grid], episodes: int, seed: int) -> list[ModeCell]:
+        cells = [(grid.mode, cell) for grid in grids for cell in grid.cells]
+        return [cell for cell in cells if self._asked(episodes, seed, "test", cell) not in self._results]
+
+    def _asked(self, episodes: int, seed: int, stream: Stream, cell: ModeCell | None = None) -> dict[str, Any]:
+        """What the metrics depend on: those of the task, or of a cell of a grid."""
+        asked = {**self._settings, "episodes": episodes, "seed": seed, "stream": stream}
+        return asked if cell is None else {**asked, "mode": cell[0], "cell": limits(cell[1])}
 
     def traces(self, episodes: int, seed: int, title: str = "", overrides: tuple[str, ...] = ()) -> list[Trace]:
         """Motion traces of whole episodes under the test protocol; ``rho`` among the overrides ends them.

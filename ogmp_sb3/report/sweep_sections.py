@@ -20,7 +20,7 @@ from ogmp_sb3.report.panels import Sweep, brief, jobs_along, label_of, mean_curv
 from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.trainings import plot_objectives, plot_sweep_curves
 from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import Run
@@ -60,8 +60,7 @@ def load_subjects(
 def evaluate_jobs(subjects: Subjects, episodes: int, seed: int) -> Evaluations:
     """The evaluations of all jobs that have a policy, by directory."""
     evaluations = {}
-    with progress_bar(len(subjects) * episodes, "episode") as bar:
-        bar.set_description("evaluation")
+    with steps_bar(sum(each.evaluation_steps(episodes, seed) for each in subjects.values()), "evaluation") as bar:
         for path, subject in subjects.items():
             evaluations[path] = subject.evaluation(episodes, seed, bar.update)
     return evaluations
