@@ -159,6 +159,11 @@ def console() -> Console:
     return Console(markup=False, emoji=False, soft_wrap=True)
 
 
+def note(program: str, text: str) -> None:
+    """Say something on the way, beside what the program prints."""
+    print(f"{program}: {text}", file=sys.stderr)
+
+
 def fail(program: str, error: BaseException) -> NoReturn:
     """End a program with one line about a mistake, and exit code 2."""
     print(f"{program}: {one_line(program, error)}", file=sys.stderr)

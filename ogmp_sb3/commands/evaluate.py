@@ -24,7 +24,7 @@ from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.plots.evaluations import plot_epsilon, plot_grids, plot_robustness
 from ogmp_sb3.report.plots.falls import plot_falls
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.policies import LoadedPolicy, load_policy
 from ogmp_sb3.runs.run_directory import default_out
 from ogmp_sb3.runs.settings import versions
@@ -194,7 +194,7 @@ def _run(arguments: list[str]) -> None:
     analysis, request = config.analysis, _request(config, loaded, overrides)
     out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
     cli.check_out(out)
-    with progress_bar(analysis.sets(request) * request.episodes, "episode") as bar:
+    with steps_bar(analysis.sets(request) * request.episodes * request.task.episode_steps) as bar:
         result = analysis.measure(request, bar.update)
     report = {**_origin(config, loaded, overrides, request), **result}
     files = _write(analysis, report, out)

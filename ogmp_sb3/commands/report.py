@@ -13,11 +13,12 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value
 from ogmp_sb3.evaluation.endless import MAX_DISTANCE
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
-from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS
+from ogmp_sb3.evaluation.grid import CELLS, MAX_CELLS, default_grids
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report import falls_section as report_falls
 from ogmp_sb3.report import run_sections as report_run
 from ogmp_sb3.report import sweep_sections as report_sweep
+from ogmp_sb3.report.heat_maps import heat_maps, heat_maps_to_come
 from ogmp_sb3.report.page import Section, write_page
 from ogmp_sb3.report.panels import shown, sweep_of
 from ogmp_sb3.report.seeds_section import seed_groups, seeds
@@ -123,9 +124,10 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     subject = EvaluatedPolicy(loaded, overrides, home or out, out)
     if config.endless is not None and extent(subject.task).timed:
         raise ValueError(f"'endless' is for tracks: the modes of '{subject.task.name}' take a time.")
+    grids = default_grids(subject.task, loaded.task, config.grid_cells) if config.grids else []
     out.mkdir(parents=True, exist_ok=True)
     episodes = config.episodes or RUN_EPISODES
-    sections = [
+    above = [
         report_run.overview(subject, run),
         report_run.training(run, subject.loaded.task.rho, out) if run else None,
         report_run.evaluation(subject, episodes, config.seed, out),
@@ -134,14 +136,15 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
         if config.endless is not None
         else None,
         report_run.motion(subject, config.traces, config.seed, variants, out),
-        report_run.mode_parameters(subject, config.grid_cells, config.cell_episodes, config.seed, out)
-        if config.grids
-        else None,
-        report_run.latents(subject, config.seed, out),
-        report_run.videos(run.path) if run else None,
     ]
+    below = [report_run.latents(subject, config.seed, out), report_run.videos(run.path) if run else None]
+    title = run.path.name if run else loaded.name
     subtitle = f"{loaded.task.name}, {loaded.task.oracle} oracle, rho {shown(loaded.task.rho)}"
-    return _write(out, run.path.name if run else loaded.name, subtitle, sections)
+    if subject.grids_steps(grids, config.cell_episodes, config.seed):
+        page = _write(out, title, subtitle, [*above, heat_maps_to_come(), *below])
+        cli.note(PROGRAM, f"{page} has everything but the heat maps, which are measured now.")
+    maps = heat_maps(subject, grids, config.cell_episodes, config.seed, out) if grids else None
+    return _write(out, title, subtitle, [*above, maps, *below])
 
 
 def _report_sweep(config: ReportConfig, folder: Path, overrides: list[str], variants: list[str]) -> Path:

@@ -8,6 +8,9 @@ import numpy as np
 
 from ogmp_sb3.config.messages import describe
 
+# A matrix product rounds a single row otherwise than the same row among others, and its episode would take another way.
+LEAST_ROWS = 2
+
 
 class Policy(Protocol):
     """Anything that acts: a policy or a model of Stable-Baselines3 or sb3-contrib, recurrent or not."""
@@ -104,7 +107,8 @@ class Actor:
     def __init__(self, policy: AnyPolicy, num_envs: int, observation_size: int) -> None:
         self.policy = playable(policy, observation_size)
         self._memory: tuple[np.ndarray, ...] | None = None
-        self._starts = np.ones(num_envs, dtype=bool)
+        self._num_envs = num_envs
+        self._starts = np.ones(max(num_envs, LEAST_ROWS), dtype=bool)
 
     def restart(self, rows: np.ndarray | slice = slice(None)) -> None:
         """Forget what was seen in some environments, where new episodes begin; by default in all."""
@@ -115,6 +119,8 @@ class Actor:
 
         :param observation: shape (num_envs, size)
         """
+        if self._num_envs < LEAST_ROWS:
+            observation = np.repeat(observation, LEAST_ROWS, axis=0)
         action, self._memory = self.policy.predict(observation, self._memory, self._starts, deterministic=True)
         self._starts = np.zeros(len(self._starts), dtype=bool)
-        return action
+        return action[: self._num_envs]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from ogmp_sb3.env.initial import InitialStates
 from ogmp_sb3.env.mirror import Mirror, joint_mirror, observation_mirror
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
+from ogmp_sb3.env.row_tasks import common_task
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.env.streams import Stream, generator
 from ogmp_sb3.env.terms import bind
@@ -60,23 +62,36 @@ class BatchEnv:
     :param seed: seed of row 0
     :param threads: physics threads, 0 for one per CPU
     :param stream: what the episodes are for: ``"training"``, ``"test"`` or ``"selection"``
+    :param row_tasks: a task for each row, by which its modes and disturbances are drawn; they differ in nothing else
+        (:func:`~ogmp_sb3.env.row_tasks.common_task`). Empty: ``task`` for all
     :raises ValueError: if the task cannot be built
     """
 
     def __init__(
-        self, task: TaskConfig, num_envs: int = 1, seed: int = 0, threads: int = 0, stream: Stream = "training"
+        self,
+        task: TaskConfig,
+        num_envs: int = 1,
+        seed: int = 0,
+        threads: int = 0,
+        stream: Stream = "training",
+        row_tasks: Sequence[TaskConfig] = (),
     ) -> None:
         if not 1 <= num_envs <= MAX_ENVS:
             raise ValueError(f"'num_envs' must be at least 1 and at most {MAX_ENVS:,}, found {num_envs}.")
-        self.task, self.num_envs, self.stream = task, num_envs, stream
+        if row_tasks:
+            if len(row_tasks) != num_envs:
+                raise ValueError(f"'row_tasks' must be {num_envs} tasks, one for each row, found {len(row_tasks)}.")
+            task = common_task([task, *row_tasks])
+        self.task, self.num_envs, self.stream, self.row_tasks = task, num_envs, stream, row_tasks
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
-        self.guide = Guide(task, num_envs)
+        self.guide = Guide(task, num_envs, row_tasks)
         self._observations = bind(registry.observations, task.observations)
         self._rewards = bind(registry.rewards, task.rewards)
         self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
-        self.disturbances = Disturbances(task.randomisation, num_envs, self.action_size, task.physics_dt, task.substeps)
+        randomisations = [each.randomisation for each in row_tasks or [task] * num_envs]
+        self.disturbances = Disturbances(randomisations, self.action_size, task.physics_dt, task.substeps)
         self.initial = InitialStates(task.initial, task.robot_config, self.sim)
 
         self.step_count = np.zeros(num_envs, dtype=int)
@@ -272,7 +287,7 @@ class BatchEnv:
             rng.bit_generator.state = state
 
     def __reduce__(self) -> tuple[Any, ...]:
-        arguments = self.task, self.num_envs, 0, self.sim.threads, self.stream
+        arguments = self.task, self.num_envs, 0, self.sim.threads, self.stream, self.row_tasks
         return snapshots.restored, (type(self), arguments, self.state())
 
     def _parts(self) -> dict[str, snapshots.Part]:

@@ -76,7 +76,11 @@ def capture(env: BatchEnv, row: int, action: np.ndarray) -> UnstableStep:
         action=np.array(action, dtype=float),
         targets=targets.later(row),
         kicks=kicks.later(row),
-        varied={name: float(value[0]) for name, value in env.disturbances.robots(np.array([row])).items()},
+        varied={
+            name: float(value[0])
+            for name, value in env.disturbances.robots(np.array([row])).items()
+            if not np.isnan(value[0])
+        },
         info={
             "environment": row,
             "control_step": int(env.step_count[row]),

@@ -83,7 +83,7 @@ class Simulation:
         friction: np.ndarray | None = None,
         gains: np.ndarray | None = None,
     ) -> None:
-        """Change the robots of some simulations; what is None is left alone.
+        """Change the robots of some simulations; what is None is left alone, and so is a robot whose number is nan.
 
         :param rows: simulations, shape (n,), int
         :param mass: factor on mass and inertia of every body, shape (n,)
@@ -91,17 +91,20 @@ class Simulation:
         :param gains: factor on kp and kd of every servo, shape (n,)
         """
         model, mj = self.model, self.mj
-        if mass is not None:
-            mj.expand("body_mass")[rows] = mass[:, None] * model.body_mass
-            mj.expand("body_inertia")[rows] = mass[:, None, None] * model.body_inertia
-            mj.set_const(rows)
-        if friction is not None:
-            mj.expand("geom_friction")[rows, :, 0] = friction[:, None]
-        if gains is not None:
-            self.gain_factor[rows] = gains[:, None]
+        some, mass = _numbered(rows, mass)
+        if len(some):
+            mj.expand("body_mass")[some] = mass[:, None] * model.body_mass
+            mj.expand("body_inertia")[some] = mass[:, None, None] * model.body_inertia
+            mj.set_const(some)
+        some, friction = _numbered(rows, friction)
+        if len(some):
+            mj.expand("geom_friction")[some, :, 0] = friction[:, None]
+        some, gains = _numbered(rows, gains)
+        if len(some):
+            self.gain_factor[some] = gains[:, None]
             ids = self.servos.ids
             for name in ("actuator_gainprm", "actuator_biasprm"):
-                mj.expand(name)[rows[:, None], ids] = gains[:, None, None] * getattr(model, name)[ids]
+                mj.expand(name)[some[:, None], ids] = gains[:, None, None] * getattr(model, name)[ids]
 
     def push(self, rows: np.ndarray, velocity: np.ndarray) -> None:
         """Change the horizontal velocity of some robots at once.
@@ -222,3 +225,10 @@ class Simulation:
     def _warning_counts(self) -> np.ndarray:
         counts: np.ndarray = np.asarray(self.mj.warning).reshape(len(self.qpos), -1).sum(axis=1)
         return counts
+
+
+def _numbered(rows: np.ndarray, values: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """The rows whose value is a number, and these values; of no values, none."""
+    values = np.full(len(rows), np.nan) if values is None else values
+    numbers = ~np.isnan(values)
+    return rows[numbers], values[numbers]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,19 @@ def digest(record: EpisodeRecord) -> bytes:
     """What tells an episode from every other: a hash of all that the record holds, bit for bit."""
     content = hashlib.sha256()
     for field in fields(record):
-        value = getattr(record, field.name)
-        content.update(np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+        _add(content, getattr(record, field.name))
     return content.digest()
+
+
+def _add(content: hashlib._Hash, value: Any) -> None:
+    """Go on with a value, and with what it holds."""
+    if isinstance(value, np.ndarray):
+        content.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        for part in value:
+            _add(content, part)
+    else:
+        content.update(repr(value).encode())
 
 
 def first_of_each(records: Iterable[EpisodeRecord]) -> list[int]:

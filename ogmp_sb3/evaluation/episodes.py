@@ -1,8 +1,8 @@
-"""Play a policy for whole episodes, and keep a record of each."""
+"""Play a policy for whole episodes, many of them together, and keep a record of each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -15,11 +15,15 @@ from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.guidance.reference_data import Query
 from ogmp_sb3.guidance.srb import POS, VEL
+from ogmp_sb3.sb3.threads import torch_threads
 
 MAX_DISTANCE = "max_distance"
-BATCH = 128  # episodes played together
+BATCH = 256  # episodes played together; twice as many are hardly faster, and an interrupt would lose more
 
-Progress = Callable[[int], None]  # called with the number of episodes that have just ended
+Progress = Callable[[int], None]
+"""Called with control steps that are done with: played, or not needed since their episode has ended before its time."""
+
+Steps = dict[str, np.ndarray]  # entries of records by name
 
 
 def play_episodes(
@@ -38,56 +42,82 @@ def play_episodes(
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
     :param max_distance: an episode also ends this far along the track, m
-    :param progress: called with the number of episodes that have just ended
+    :param progress: called with control steps that are done with, of ``episodes`` times the time limit in all
     :param stream: what the episodes are for; those of a test have other tracks than the training of the same seed
     :raises ValueError: if the policy does not fit the task
     """
+    return next(play_sets(policy, [task], episodes, seed, max_distance, progress, stream), [])
+
+
+def play_sets(
+    policy: AnyPolicy,
+    tasks: Sequence[TaskConfig],
+    episodes: int,
+    seed: int,
+    max_distance: float | None = None,
+    progress: Progress | None = None,
+    stream: Stream = "test",
+) -> Iterator[list[EpisodeRecord]]:
+    """Play a set of episodes of every task, :data:`BATCH` episodes together, whichever their sets.
+
+    The parameters are those of :func:`play_episodes`, and so are the episodes.
+
+    :param tasks: such as differ in what is drawn alone (:func:`~ogmp_sb3.env.row_tasks.common_task`)
+    :param episodes: of each task
+    :return: the records of each task in order, as soon as all are there
+    """
+    queue = [(task, seed + i) for task in tasks for i in range(episodes)]
     records: list[EpisodeRecord] = []
-    for first in range(0, episodes, BATCH):
-        env = BatchEnv(task, min(BATCH, episodes - first), seed + first, stream=stream)
+    for first in range(0, len(queue), BATCH):
+        row_tasks, seeds = zip(*queue[first : first + BATCH], strict=True)
+        env = BatchEnv(row_tasks[0], len(seeds), stream=stream, row_tasks=row_tasks)
+        for row, row_seed in enumerate(seeds):
+            env.seed_row(row, row_seed)
         records += play_batch(policy, env, max_distance, progress or (lambda _: None))
-    return records
+        while len(records) >= episodes:
+            yield records[:episodes]
+            del records[:episodes]
 
 
 def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, progress: Progress) -> list[EpisodeRecord]:
     """Play one episode in each environment; the parameters are those of :func:`play_episodes`."""
     observation = env.reset()
+    every, limit = np.arange(env.num_envs), env.task.episode_steps
     start_x = env.sim.qpos[:, env.sim.base_qpos].copy()
-    steps: list[dict[str, np.ndarray]] = [_snapshot(env, env.view(), np.zeros(env.num_envs))]
+    rows, steps = [every], [_entries(env, env.view(), np.zeros(env.num_envs), every)]
     ended = np.full(env.num_envs, "", dtype=object)
-    length = np.zeros(env.num_envs, dtype=int)
+    done_with = np.zeros(env.num_envs, dtype=int)  # control steps
     actor = Actor(policy, env.num_envs, env.observation_size)
-    queries: list[list[Query]] = [[] for _ in range(env.num_envs)]
-    while True:
-        alive = np.flatnonzero(ended == "")
-        if not len(alive):
-            break
+    queries: list[list[Query]] = [[] for _ in every]
+    while len(alive := np.flatnonzero(ended == "")):
         _note_queries(env, alive, queries)
-        result = env.step(actor.act(observation), alive)
+        with torch_threads(1):  # the network is too small for more, which wait for each other where others work too
+            action = actor.act(observation)
+        result = env.step(action, alive)
         observation = result.observation
-        steps.append(_snapshot(env, result.view, result.reward))
-        length[alive] += result.termination[alive] != UNSTABLE
-        reason = result.termination.astype(object)
+        rows.append(alive[result.termination[alive] != UNSTABLE])
+        steps.append(_entries(env, result.view, result.reward, rows[-1]))
+        reason, share = result.termination.astype(object), env.step_count / limit
         if max_distance is not None:
-            far = env.sim.qpos[:, env.sim.base_qpos] - start_x >= max_distance
-            reason[far & (reason == "")] = MAX_DISTANCE
+            way = (env.sim.qpos[:, env.sim.base_qpos] - start_x) / max_distance
+            reason[(way >= 1.0) & (reason == "")] = MAX_DISTANCE
+            share = np.fmax(share, way)  # else most would seem left to do until the robots arrive
         ended[alive] = reason[alive]
-        finished = int((ended[alive] != "").sum())
-        if finished:
-            progress(finished)
-    series = {name: np.stack([step[name] for step in steps], axis=1) for name in steps[0]}
+        now = np.where(ended[alive] == "", limit * share[alive], limit).astype(int)
+        progress(int(np.maximum(now - done_with[alive], 0).sum()))
+        done_with[alive] = np.maximum(now, done_with[alive])
     return [
         EpisodeRecord(
-            **{name: values[row, : length[row] + 1] for name, values in series.items()},
+            **series,
             termination=str(ended[row]),
             control_dt=env.task.control_dt,
-            max_steps=env.task.episode_steps,
+            max_steps=limit,
             leg_length=env.task.robot_config.leg_length,
             track_length=env.task.track.length,
             modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
             queries=tuple(queries[row]),
         )
-        for row in range(env.num_envs)
+        for row, series in enumerate(_by_row(rows, steps, env.num_envs))
     ]
 
 
@@ -99,11 +129,14 @@ def _note_queries(env: BatchEnv, rows: np.ndarray, queries: list[list[Query]]) -
             queries[row].append((env.plan(row), env.guide.mode_at(row, x)))
 
 
-def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.ndarray]:
-    """The entries of one step in the records of all episodes, as copies: views would keep whole arrays in memory."""
+def _entries(env: BatchEnv, view: EnvView, reward: np.ndarray, rows: np.ndarray) -> Steps:
+    """The entries of one step in the records of some episodes, as copies: views would keep whole arrays in memory.
+
+    :param rows: the environments, shape (n,), int
+    """
     v = env.sim.base_qvel
     error = (view.state - view.reference)[:, np.r_[POS, VEL]]
-    series = {
+    entries = {
         "base_pos_w": view.base_pos_w,
         "base_quat": view.base_quat,
         "base_linvel_w": view.base_linvel_w,
@@ -115,4 +148,18 @@ def _snapshot(env: BatchEnv, view: EnvView, reward: np.ndarray) -> dict[str, np.
         "phase": view.phase,
         "deviation": view.deviation,
     }
-    return {name: values.copy() for name, values in series.items()}
+    return {name: values[rows] for name, values in entries.items()}
+
+
+def _by_row(rows: list[np.ndarray], steps: list[Steps], num_envs: int) -> Iterator[Steps]:
+    """The entries of successive steps, sorted by environment.
+
+    :param rows: the environments of each step
+    :param steps: their entries, which are taken out as they are sorted, so that little is in memory twice
+    :return: of each environment, one array for each name
+    """
+    order = np.argsort(np.concatenate(rows), kind="stable")
+    ends = np.cumsum(np.bincount(np.concatenate(rows), minlength=num_envs))
+    series = {name: np.concatenate([step.pop(name) for step in steps])[order] for name in list(steps[0])}
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        yield {name: values[begin:end] for name, values in series.items()}

@@ -108,7 +108,7 @@ def estimate_epsilon(
     :param task: under the protocol wanted; its bound is taken off
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
-    :param progress: called with the number of episodes that have just ended
+    :param progress: called with control steps that are done with, of ``episodes`` times the time limit in all
     :param bounds: values of rho
     :return: plain data: the ``unit`` of deviations; ``episodes`` that are counted; ``left_out``, those that ended
         before their time; ``copies`` of either. ``maxima``, by oracle and mode (and ``all``), is about the greatest

@@ -176,7 +176,7 @@ def evaluate(
         episodes of another kind there are :func:`~ogmp_sb3.evaluation.episodes.play_episodes` and :func:`measure`
     :param episodes: how many
     :param seed: episode ``i`` is seeded with ``seed + i``
-    :param progress: called with the number of episodes that have just ended
+    :param progress: called with control steps that are done with, of ``episodes`` times the time limit in all
     :param stream: ``"test"`` for numbers that are reported; ``"selection"`` to choose between policies or settings
     :raises KeyError: for an unknown task
     :raises ValueError: if the policy or a metric does not fit the task, or for less than one episode

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.evaluation.analysis import Report, Request
 from ogmp_sb3.evaluation.copies import copies_in_sets_text, distinct
-from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.episodes import Progress, play_sets
 from ogmp_sb3.evaluation.evaluate import estimates
 from ogmp_sb3.evaluation.statistics import Estimates, estimates_as_data
 from ogmp_sb3.guidance.course import extent
@@ -23,6 +24,8 @@ from ogmp_sb3.guidance.course import extent
 CELLS = 8  # along an axis, if not given: two on either side of the training range, four in it
 MAX_CELLS = 100  # along an axis
 CELL_EPISODES = 10  # of each cell, if not given
+
+ModeCell = tuple[str, dict[str, Range]]  # a mode, and the ranges of its parameters in one of the cells
 
 
 @dataclass(frozen=True)
@@ -143,22 +146,25 @@ def cell_task(task: TaskConfig, mode: str, cell: dict[str, Range]) -> TaskConfig
     return replace(task, track=replace(task.track, boxes=max(task.track.boxes, extent(task).boxes)))
 
 
-def evaluate_cell(
+def evaluate_cells(
     policy: AnyPolicy,
     task: TaskConfig,
-    mode: str,
-    cell: dict[str, Range],
+    cells: Sequence[ModeCell],
     episodes: int,
     seed: int,
     progress: Progress | None = None,
-) -> Estimates:
-    """The metrics of one cell of a grid, on tracks of that cell alone, over episodes that are no copies of others.
+) -> Iterator[Estimates]:
+    """The metrics of cells, each on tracks of that cell alone, over episodes that are no copies of others.
 
     :param task: under the protocol wanted
-    :param cell: one of :attr:`Grid.cells`; the rest as for :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
+    :param cells: of one grid or of several
+    :param episodes: of each cell; the rest as for :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
+    :return: of each cell in order, as soon as it is known
     """
-    task = cell_task(task, mode, cell)
-    return estimates(task, distinct(play_episodes(policy, task, episodes, seed, progress=progress)))
+    tasks = [cell_task(task, mode, cell) for mode, cell in cells]
+    played = play_sets(policy, tasks, episodes, seed, progress=progress)
+    for cell_of, records in zip(tasks, played, strict=True):
+        yield estimates(cell_of, distinct(records))
 
 
 def requested_grid(request: Request) -> Grid:
@@ -175,8 +181,8 @@ def measure_grid(request: Request, progress: Progress) -> Report:
     """The metrics of every cell: ``grid``, see :meth:`Grid.as_data`."""
     grid = requested_grid(request)
     policy, task, episodes, seed = request.policy, request.task, request.episodes, request.seed
-    metrics = [evaluate_cell(policy, task, grid.mode, cell, episodes, seed, progress) for cell in grid.cells]
-    return {"grid": grid.as_data([estimates_as_data(each) for each in metrics])}
+    metrics = evaluate_cells(policy, task, [(grid.mode, cell) for cell in grid.cells], episodes, seed, progress)
+    return {"grid": grid.as_data(list(map(estimates_as_data, metrics)))}
 
 
 def grid_copies_text(grid: dict[str, Any], episodes: int) -> str:

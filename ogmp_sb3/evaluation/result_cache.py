@@ -34,14 +34,24 @@ class ResultCache:
         :param settings: plain data; everything the result depends on
         :param compute: gives the result, plain data
         """
-        key = _key(settings)
-        if key not in self._known:
-            line = json.dumps({"settings": settings, "result": compute()})
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with naming(self.path), self.path.open("a", encoding="utf-8") as file:
-                file.write(f"\n{line}")  # begins a line of its own even behind one that was cut off
-            self._known[key] = json.loads(line)["result"]
-        return self._known[key]
+        if settings not in self:
+            self.keep(settings, compute())
+        return self[settings]
+
+    def keep(self, settings: dict[str, Any], result: Any) -> None:
+        """Write down what was computed for these settings.
+
+        :param settings: as for :meth:`remember`
+        :param result: plain data
+        """
+        line = json.dumps({"settings": settings, "result": result})
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with naming(self.path), self.path.open("a", encoding="utf-8") as file:
+            file.write(f"\n{line}")  # begins a line of its own even behind one that was cut off
+        self._known[_key(settings)] = json.loads(line)["result"]
+
+    def __getitem__(self, settings: dict[str, Any]) -> Any:
+        return self._known[_key(settings)]
 
     def __contains__(self, settings: dict[str, Any]) -> bool:
         return _key(settings) in self._known

@@ -15,7 +15,7 @@ from ogmp_sb3.env.ground_contacts import foot_geoms
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.evaluation.analysis import Report, Request
 from ogmp_sb3.evaluation.copies import copies_in_sets_text, distinct
-from ogmp_sb3.evaluation.episodes import Progress, play_episodes
+from ogmp_sb3.evaluation.episodes import Progress, play_sets
 from ogmp_sb3.evaluation.metrics import no_fall_fraction
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
 
@@ -126,18 +126,19 @@ def play_disturbed(
         :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
     """
 
-    def no_fall(randomisation: RandomisationConfig | None) -> Estimate:
-        disturbed = replace(task, randomisation=randomisation)
-        records = play_episodes(policy, disturbed, episodes, seed, max_distance, progress)
-        return estimate(no_fall_fraction(record) for record in distinct(records))
-
-    undisturbed = no_fall(None)
+    sizes = [(each, value) for each in disturbances for value in each.values.tolist() if value != each.none]
+    tasks = [replace(task, randomisation=each.randomisation(value)) for each, value in sizes]
+    played = play_sets(policy, [replace(task, randomisation=None), *tasks], episodes, seed, max_distance, progress)
+    undisturbed, *fractions = (
+        estimate(no_fall_fraction(record) for record in distinct(records)).as_data() for records in played
+    )
+    found = {(each.name, value): fraction for (each, value), fraction in zip(sizes, fractions, strict=True)}
     results = []
     for each in disturbances:
-        points = []
-        for value in each.values.tolist():
-            fraction = undisturbed if value == each.none else no_fall(each.randomisation(value))
-            points.append({"value": value, "no_fall_fraction": fraction.as_data()})
+        points = [
+            {"value": value, "no_fall_fraction": found.get((each.name, value), undisturbed)}
+            for value in each.values.tolist()
+        ]
         declared = [each.range.low, each.range.high] if each.declared else None
         results.append({"disturbance": each.name, "label": each.label, "declared": declared, "points": points})
     return results

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,16 +27,22 @@ class Course:
 
     :param task: the task
     :param num_envs: number of environments
-    :raises ValueError: if the task's modes do not go together
+    :param row_tasks: a task for each environment, by which its modes are drawn; empty: ``task`` for all
+    :raises ValueError: if the modes do not go together
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int) -> None:
+    def __init__(self, task: TaskConfig, num_envs: int, row_tasks: Sequence[TaskConfig] = ()) -> None:
         self.task = task
-        most = extent(task)
-        self.timed, self._lookahead, self.most_steps = most.timed, most.lookahead, most.steps
-        self._sampler = ModeSampler(task)
+        tasks = row_tasks or [task] * num_envs
+        different = {id(each): each for each in tasks}
+        samplers = {key: ModeSampler(each) for key, each in different.items()}
+        rooms = {key: extent(each) for key, each in different.items()}
+        self._samplers, extents = [samplers[id(each)] for each in tasks], [rooms[id(each)] for each in tasks]
+        self.timed = extents[0].timed  # all are or none: only timed modes have no horizon, which rows share
+        self._lookahead = np.array([each.lookahead for each in extents])
+        self.most_steps = max(each.steps for each in extents)
         self.terrain = empty_terrain(num_envs, task.track.boxes)
-        self.spans = np.zeros((num_envs, most.spans, SPAN_SIZE))
+        self.spans = np.zeros((num_envs, max(each.spans for each in extents), SPAN_SIZE))
         self._span_count = np.zeros(num_envs, dtype=int)
         self._laid = np.zeros(num_envs)  # m of track laid so far
         self._mode_count = np.zeros(num_envs, dtype=int)
@@ -75,7 +82,7 @@ class Course:
         :param rows: environments, shape (n,), int
         :param x: where their robots are along the track, shape (n,), m
         """
-        return rows[self._laid[rows] - x < self._lookahead] if not self.timed else rows[:0]
+        return rows[self._laid[rows] - x < self._lookahead[rows]] if not self.timed else rows[:0]
 
     def extend(self, row: int, x: float, rng: np.random.Generator, level: float) -> None:
         """Lay modes ahead of a place on the track; in a timed task, go on to the next mode.
@@ -85,7 +92,7 @@ class Course:
         :param rng: its generator
         :param level: its curriculum level
         """
-        while self.timed or self._laid[row] - x < self._lookahead:
+        while self.timed or self._laid[row] - x < self._lookahead[row]:
             call = self._next_mode(row, rng, level)
             segment = call.segment()
             self.modes[row].append(call)
@@ -132,7 +139,7 @@ class Course:
         if length is not None and not self.timed and self._laid[row] >= length:
             speed = float(self.spans[row, self._span_count[row] - 1, VX])
             return flat_ground(speed, 1.0)
-        return self._sampler.draw(rng, int(self._mode_count[row]), level)
+        return self._samplers[row].draw(rng, int(self._mode_count[row]), level)
 
     def _place(self, row: int, plateaus: list[Plateau], keep_from: float) -> None:
         boxes = [plateau.box(self._laid[row], 0.5 * self.task.track.width) for plateau in plateaus]

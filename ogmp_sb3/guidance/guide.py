@@ -37,12 +37,13 @@ class Guide:
 
     :param task: the task
     :param num_envs: number of environments
-    :raises ValueError: if the task's modes do not go together, or its encoder cannot be used
+    :param row_tasks: a task for each environment, by which its modes are drawn; empty: ``task`` for all
+    :raises ValueError: if the modes do not go together, or the task's encoder cannot be used
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int) -> None:
-        self._task = task
-        self.course = Course(task, num_envs)
+    def __init__(self, task: TaskConfig, num_envs: int, row_tasks: Sequence[TaskConfig] = ()) -> None:
+        self._row_tasks = row_tasks or [task] * num_envs
+        self.course = Course(task, num_envs, row_tasks)
         self.plans = Plans(task, num_envs, self.course.most_steps)
 
     @property
@@ -71,7 +72,7 @@ class Guide:
         :raises TypeError: for a value of the wrong type
         :raises ValueError: for a value below 0, or a timed mode that lasts too long
         """
-        ranges, where = self._task.mode_ranges, Where("command", mode)
+        ranges, where = self._row_tasks[row].mode_ranges, Where("command", mode)
         if mode not in ranges:
             raise KeyError(f"the task has no mode '{mode}'{did_you_mean(mode, ranges)}")
         registry.modes.check(mode, {**ranges[mode], **parameters})

@@ -40,6 +40,7 @@ class ModeCall:
 
     @cached_property
     def _segment(self) -> Segment:
+        """The answer of the mode's function, which is asked once: where a robot is depends on all modes behind it."""
         segment: Any = call(f"mode '{self.name}'", modes.get(self.name), **self.parameters)
         if not isinstance(segment, Segment):
             raise TypeError(f"what mode '{self.name}' returns must be a Segment; it is {answer_text(segment)}.")

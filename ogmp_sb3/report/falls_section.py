@@ -13,7 +13,7 @@ from ogmp_sb3.evaluation.statistics import as_text
 from ogmp_sb3.evaluation.survival import DISTANCE, TIME, Survival, median_text, round_places
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture
 from ogmp_sb3.report.plots.falls import plot_falls, plot_survival
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.callbacks import steps_bar
 
 LABELS = {DISTANCE: "distance along the track (m)", TIME: "time (s)"}
 UNITS = {DISTANCE: "m", TIME: "s"}
@@ -60,8 +60,7 @@ def endless(subject: EvaluatedPolicy, episodes: int, seed: int, max_distance: fl
 
     :param max_distance: an episode also ends this far along the track, m
     """
-    with progress_bar(episodes, "episode") as bar:
-        bar.set_description("endless tracks")
+    with steps_bar(subject.endless_steps(episodes, seed, max_distance), "endless tracks") as bar:
         result = subject.endless(episodes, seed, max_distance, bar.update)
     curves = result.survival
     medians = "; ".join(median_text(curve, UNITS[name]) for name, curve in curves.items())

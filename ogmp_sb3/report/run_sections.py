@@ -12,9 +12,8 @@ import numpy as np
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.evaluation.copies import copies_in_sets_text, copies_text
+from ogmp_sb3.evaluation.copies import copies_text
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
-from ogmp_sb3.evaluation.grid import default_grids
 from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
 from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.admissible import standing_still
@@ -22,12 +21,12 @@ from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.guidance.reference_data import reference_data
 from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
 from ogmp_sb3.report.panels import shown
-from ogmp_sb3.report.plots.evaluations import plot_grids, plot_terminations
+from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.report.plots.trainings import SMOOTH, plot_training
 from ogmp_sb3.report.speed_section import speed_parts
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.run_directory import Run
 
@@ -98,8 +97,7 @@ def training(run: Run, rho: float | None, out: Path) -> Section | None:
 
 def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) -> Section:
     """Metrics with confidence intervals, and what ended the episodes."""
-    with progress_bar(episodes, "episode") as bar:
-        bar.set_description("evaluation")
+    with steps_bar(subject.evaluation_steps(episodes, seed), "evaluation") as bar:
         result = subject.evaluation(episodes, seed, bar.update)
     causes = result.terminations
     parts: list[Table | Picture | Video] = [metrics_table(subject.task, result.metrics)]
@@ -166,61 +164,6 @@ def interval(estimate: Estimate) -> str:
 def _first_paragraph(function: Any) -> str:
     text = (function.__doc__ or "").strip().split("\n\n")[0]
     return re.sub(r":\w+:|`+", "", " ".join(text.split()))
-
-
-def mode_parameters(subject: EvaluatedPolicy, cells: int, episodes: int, seed: int, out: Path) -> Section | None:
-    """Heat maps of the return over two parameters of each mode that has two ranges."""
-    grids = default_grids(subject.task, subject.loaded.task, cells)
-    if not grids:
-        return None
-    measured = []
-    with progress_bar(sum(len(grid.cells) for grid in grids) * episodes, "episode") as bar:
-        for grid in grids:
-            bar.set_description(f"{grid.mode}: {' x '.join(grid.axes)}")
-            measured.append(subject.grid(grid, episodes, seed, bar.update))
-    rows = grid_rows(measured)
-    means = []
-    for grid in grids:
-        inside, outside = (
-            [row["return"] for row in rows if row["mode"] == grid.mode and row["trained"] is trained]
-            for trained in (True, False)
-        )
-        means.append(f"{grid.mode} {_mean(inside)} and {_mean(outside)}")
-    caption = (
-        f"Mean return over two parameters of a mode, {episodes} episodes a cell, each occurrence with values drawn in "
-        f"the cell; the training range outlined. Means over the cells inside and outside of it: {'; '.join(means)}. "
-        f"{copies_in_sets_text((row['n'] for row in rows), episodes, 'cells')}"
-    ).rstrip()
-    picture = make_picture(out, "grids", caption, rows, lambda path: plot_grids(measured, "return", path))
-    text = "Tracks that hold only one mode, with two of its parameters from small ranges, some never trained on."
-    return Section("Mode parameters", text, [picture])
-
-
-def grid_rows(grids: list[dict[str, Any]]) -> Rows:
-    """The returns of grids as a table for a file: one row for each cell."""
-    rows = []
-    for grid in grids:
-        for cell in grid["cells"]:
-            spans = grid["trained"].items()
-            inside = bool(spans) and all(_trained(cell[key], span) for key, span in spans)
-            returned, (first, second) = Estimate.from_data(cell["metrics"]["return"]), grid["axes"]
-            rows.append({
-                "mode": grid["mode"],
-                "first": first, "first_from": cell[first][0], "first_to": cell[first][1],
-                "second": second, "second_from": cell[second][0], "second_to": cell[second][1],
-                "trained": inside, "return": returned.mean,
-                "low": returned.low, "high": returned.high, "n": returned.n,
-            })  # fmt: skip
-    return rows
-
-
-def _trained(cell: list[float], span: list[float]) -> bool:
-    """Whether the middle of a cell lies in the training range, or the whole range in the cell."""
-    return span[0] <= float(np.mean(cell)) <= span[1] or cell[0] <= span[0] <= span[1] <= cell[1]
-
-
-def _mean(values: list[float]) -> str:
-    return f"{np.mean(values):.1f}" if values else "none"
 
 
 def motion(subject: EvaluatedPolicy, episodes: int, seed: int, variants: list[str], out: Path) -> Section:

@@ -23,7 +23,7 @@ from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.trainings import FOR_BAND, plot_objectives, plot_sweep_curves
 from ogmp_sb3.report.run_sections import interval, metrics_rows, protocol, traces_picture
 from ogmp_sb3.report.seeds_section import SeedGroup
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
@@ -64,8 +64,7 @@ def load_subjects(
 def evaluate_jobs(subjects: Subjects, episodes: int, seed: int) -> Evaluations:
     """The evaluations of all jobs that have a policy, by directory."""
     evaluations = {}
-    with progress_bar(len(subjects) * episodes, "episode") as bar:
-        bar.set_description("evaluation")
+    with steps_bar(sum(each.evaluation_steps(episodes, seed) for each in subjects.values()), "evaluation") as bar:
         for path, subject in subjects.items():
             evaluations[path] = subject.evaluation(episodes, seed, bar.update)
     return evaluations

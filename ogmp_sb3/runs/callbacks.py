@@ -18,8 +18,25 @@ from ogmp_sb3.runs.logs import warn_of
 
 def progress_bar(total: int, unit: str, done: int = 0) -> Any:
     """A bar with the time left; where no terminal is, a line every half minute."""
-    interval = 0.5 if sys.stderr.isatty() else 30.0
-    return tqdm(total=total, initial=done, unit=unit, unit_scale=True, mininterval=interval, dynamic_ncols=True)
+    return tqdm(total=total, initial=done, unit=unit, unit_scale=True, mininterval=_refresh(), dynamic_ncols=True)
+
+
+def steps_bar(total: int, title: str = "") -> Any:
+    """A bar over the control steps that episodes take at most, with the time left; nothing where there are none.
+
+    The steps of an episode that ends early are done with at once. So the time left is by the mean pace so far, and no
+    pace is shown: it would be of steps that nobody has played, too.
+
+    :param total: control steps
+    """
+    text = "{l_bar}{bar}| {n_fmt}/{total_fmt} control steps [{elapsed}<{remaining}]"
+    style: dict[str, Any] = {"bar_format": text, "smoothing": 0.0, "unit_scale": True, "dynamic_ncols": True}
+    return tqdm(total=total, desc=title or None, mininterval=_refresh(), disable=total == 0, **style)
+
+
+def _refresh() -> float:
+    """Time between two looks of a bar, s."""
+    return 0.5 if sys.stderr.isatty() else 30.0
 
 
 class EpisodeStatistics(BaseCallback):

@@ -5,9 +5,7 @@ The algorithm is unchanged; what is fast is how sequences reach the LSTM.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +25,7 @@ from ogmp_sb3.sb3.finite_updates import undone_unless_finite
 from ogmp_sb3.sb3.policy import LstmPolicy, LstmStates, Normaliser
 from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer
 from ogmp_sb3.sb3.symmetry import SymmetricNoise, Symmetry
+from ogmp_sb3.sb3.threads import torch_threads
 
 
 class RecurrentPPO(StockRecurrentPPO):
@@ -124,7 +123,7 @@ class RecurrentPPO(StockRecurrentPPO):
             return super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         # One step of a small network: more threads than one for each network only wait for each other.
-        with _torch_threads(1), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(1,)) as pool:
+        with torch_threads(1), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(1,)) as pool:
             return self._collect(env, callback, rollout_buffer, n_rollout_steps, pool if side_by_side else None)
 
     def _collect(
@@ -244,7 +243,7 @@ class RecurrentPPO(StockRecurrentPPO):
         logs: list[dict[str, th.Tensor]] = []
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
-        with _torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
+        with torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
             for _ in range(self.n_epochs):
                 go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
                 self._n_updates += 1
@@ -338,17 +337,6 @@ class RecurrentPPO(StockRecurrentPPO):
             self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/clip_range", clip_range)
-
-
-@contextmanager
-def _torch_threads(number: int) -> Iterator[None]:
-    """Use this many torch threads for a while."""
-    before = th.get_num_threads()
-    th.set_num_threads(number)
-    try:
-        yield
-    finally:
-        th.set_num_threads(before)
 
 
 def _lstm_outputs(

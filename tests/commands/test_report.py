@@ -8,7 +8,9 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +20,10 @@ from PIL import Image
 from helpers.faults import read_only
 from helpers.programs import SMALL, program
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.evaluation import grid
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
+from ogmp_sb3.report.heat_maps import NOT_YET
 from ogmp_sb3.report.sweep_sections import highest_return
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
@@ -149,15 +153,46 @@ def test_a_second_report_plays_no_episode_again(run_page: Path, monkeypatch) -> 
         raise AssertionError("played again")
 
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
-    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate_cell", fail)
-    done: list[int] = []
     subject = EvaluatedPolicy(load_policy(run_page.parent), [QUICK[1], "modes.pace.v=0.8"], run_page.parent)
-    causes = subject.evaluation(3, 0, done.append).terminations
-    assert sum(causes.values()) == sum(done) == 3
-    for grid in default_grids(subject.task, subject.loaded.task, 3):
-        assert len(subject.grid(grid, 1, 0, done.append)["cells"]) == 9
+    causes = subject.evaluation(3, 0, fail).terminations
+    assert sum(causes.values()) == 3
+    grids = default_grids(subject.task, subject.loaded.task, 3)
+    assert [len(grid["cells"]) for grid in subject.grids(grids, 1, 0, fail)] == [9, 9]
     with pytest.raises(AssertionError, match="played again"):
-        subject.evaluation(4, 0, done.append)
+        subject.evaluation(4, 0, fail)
+
+
+def test_the_page_is_there_before_its_heat_maps_and_stays_if_they_are_interrupted(
+    sweep: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
+    cells = ["grid_cells=1", "cell_episodes=2", "modes.pace.v=0.8"]
+    arguments = ["run=mine", "episodes=1", "evaluation.episode_steps=5", "variants=null", "traces=1", *cells]
+    page = tmp_path / "mine" / "report" / "report.html"
+    play_sets = grid.play_sets
+
+    def interrupted(*given: Any, **named: Any) -> Iterator[Any]:
+        yield next(play_sets(*given, **named))
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(grid, "play_sets", interrupted)
+        stopped = program("report", *arguments, cwd=tmp_path)
+    assert (stopped.returncode, stopped.stdout) == (130, "")
+    assert f"{page} has everything but the heat maps, which are measured now." in stopped.stderr
+    first = page.read_text(encoding="utf-8")
+    titles = ["Run", "Evaluation", "Motion", "Mode parameters", "Mode latent"]
+    assert re.findall(r"<h2>(.*?)</h2>", first) == titles
+    assert NOT_YET in first and not (page.parent / "grids.csv").exists()
+    assert (tmp_path / "mine" / "evaluation" / "results.jsonl").read_text().count('"cell"') == 1
+    done = program("report", *arguments, cwd=tmp_path)
+    assert (done.returncode, done.stdout.split()) == (0, [str(page)])
+    whole = page.read_text(encoding="utf-8")
+    assert re.findall(r"<h2>(.*?)</h2>", whole) == titles
+    assert NOT_YET not in whole and "grids.csv" in whole
+    assert (tmp_path / "mine" / "evaluation" / "results.jsonl").read_text().count('"cell"') == 2
+    assert [path for path in page.parent.iterdir() if path.name.startswith(".")] == []
+    assert "everything but" not in program("report", *arguments, cwd=tmp_path).stderr
 
 
 def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: Path) -> None:

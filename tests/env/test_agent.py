@@ -83,6 +83,16 @@ def test_the_memory_of_a_policy_is_forgotten_where_an_episode_begins() -> None:
     assert not np.allclose(third[0], first[0])
 
 
+def test_a_row_by_itself_acts_bit_for_bit_as_among_others() -> None:
+    policy = load_policy("dive")
+    shown = np.stack([observations(300, seed) for seed in range(4)])
+    many = Actor(policy, 300, SIZE)
+    expected = np.stack([many.act(each) for each in shown])
+    for size in (1, 2, 3, 10, 299):
+        few = Actor(policy, size, SIZE)
+        np.testing.assert_array_equal([few.act(each[-size:]) for each in shown], expected[:, -size:])
+
+
 @pytest.mark.parametrize("shape", [(SIZE + 1,), (2, SIZE), ()])
 def test_a_policy_that_observes_something_else_does_not_fit(shape: tuple[int, ...]) -> None:
     other = SimpleNamespace(predict=None, observation_space=spaces.Box(-1.0, 1.0, shape))

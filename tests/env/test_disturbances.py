@@ -44,7 +44,7 @@ def task(name: str = "parkour", **randomisation: Any) -> TaskConfig:
 
 def drawn(rows: int = 400, **randomisation: Any) -> Disturbances:
     """Disturbances that have begun."""
-    disturbances = Disturbances(task(**randomisation).randomisation, rows, 10, 0.002, 15)
+    disturbances = Disturbances([task(**randomisation).randomisation] * rows, 10, 0.002, 15)
     for row in range(rows):
         disturbances.seed_row(row, np.random.default_rng(row))
     disturbances.begin(np.arange(rows))

@@ -15,6 +15,7 @@ from ogmp_sb3.evaluation import epsilon, grid, robustness
 from ogmp_sb3.evaluation.copies import copies_in_sets_text, copies_text, distinct, first_of_each
 from ogmp_sb3.evaluation.episodes import play_episodes
 from ogmp_sb3.evaluation.evaluate import Evaluation, measure
+from ogmp_sb3.guidance.sampling import ModeCall
 
 FIXED = {"modes.flip": {"r": "front", "h": 1.2}, "evaluation.episode_steps": 20, "evaluation.initial": None}
 
@@ -34,6 +35,15 @@ def test_episodes_that_differ_in_one_bit_of_anything_are_no_copies() -> None:
     records = [record(), record(base_pos_w=little), record(), ends, other_track, record(base_pos_w=little.copy())]
     assert first_of_each(records) == [0, 1, 3, 4]
     assert [id(each) for each in distinct(records)] == [id(records[i]) for i in (0, 1, 3, 4)]
+
+
+def test_episodes_that_differ_in_one_bit_of_what_the_oracle_answered_are_no_copies() -> None:
+    call = ModeCall("flip", {"h": 1.2})
+    plans = [np.zeros((200, 12)) for _ in range(3)]
+    plans[1][100, 6] = 1e-300
+    queries = [((plan, call),) for plan in plans]
+    records = [record(queries=each) for each in (*queries, ((plans[0], ModeCall("flip", {"h": 1.1})),))]
+    assert first_of_each(records) == [0, 1, 3]
 
 
 def test_a_task_without_chance_has_one_episode_however_many_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,7 +71,7 @@ def test_an_evaluation_counts_copies_once_and_says_so() -> None:
 def test_so_do_cells_of_a_grid_sizes_of_a_disturbance_and_epsilon() -> None:
     policy: Any = Standing()
     task = load_task("dive", {**FIXED, "evaluation.terminations.fall": None}).for_evaluation()
-    cell = grid.evaluate_cell(policy, task, "flip", {"h": Range(1.2, 1.2)}, 3, 0)
+    (cell,) = grid.evaluate_cells(policy, task, [("flip", {"h": Range(1.2, 1.2)})], 3, 0)
     assert {each.n for each in cell.values()} == {1}
     mass = next(each for each in robustness.task_disturbances(task) if each.name == "mass")
     (result,) = robustness.play_disturbed([mass], policy, task, 2, 0, None, lambda _: None)

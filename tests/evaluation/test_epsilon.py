@@ -63,9 +63,9 @@ def test_the_spread_counts_every_step_of_whole_episodes_once_for_each_oracle_and
 
     monkeypatch.setattr("ogmp_sb3.evaluation.epsilon.play_batch", second_falls)
     task = load_task("parkour", OPEN)
-    ended: list[int] = []
-    found = estimate_epsilon(Waver(task), task, 4, 0, ended.append)  # type: ignore[arg-type]
-    assert sum(ended) == 4
+    done: list[int] = []
+    found = estimate_epsilon(Waver(task), task, 4, 0, done.append)  # type: ignore[arg-type]
+    assert sum(done) == 4 * 40
     assert (found["episodes"], found["left_out"]) == (3, 1)
     assert found["unit"] == "norm of W (x - x_ref), W: x 1"
     assert set(found["oracles"]) == {"linear", "lqr", "preview"}

@@ -47,10 +47,10 @@ def test_the_function_gives_what_the_program_prints_and_writes(tmp_path: Path) -
 def test_a_task_by_name_or_as_it_is_in_training_is_played_by_its_test_protocol() -> None:
     task = load_task("parkour", {"evaluation.episode_steps": 12, "evaluation.terminations.fall": None})
     assert (task.rho, task.episode_steps) != (None, 12)
-    ended: list[int] = []
-    evaluation = evaluate(Standing(), task, episodes=2, seed=3, progress=ended.append)  # type: ignore[arg-type]
+    done: list[int] = []
+    evaluation = evaluate(Standing(), task, episodes=2, seed=3, progress=done.append)  # type: ignore[arg-type]
     assert evaluation == evaluate(Standing(), task.for_evaluation(), episodes=2, seed=3)  # type: ignore[arg-type]
-    assert (evaluation.terminations, sum(ended)) == ({"time_limit": 2}, 2)
+    assert (evaluation.terminations, sum(done)) == ({"time_limit": 2}, 2 * 12)
     assert evaluate(Standing(), "dive", episodes=1).title == "dive, 1 episodes, physics step 0.002 s"  # type: ignore[arg-type]
 
 

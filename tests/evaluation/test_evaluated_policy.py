@@ -43,17 +43,47 @@ def fail(*arguments: Any, **named: Any) -> None:
 def test_what_was_measured_before_is_not_played_again(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = subject(copy, SHORT)
     grid = read_grid("jump.w:0.2:0.4:2,jump.h:0.2:0.3:1", first.task, first.loaded.task)
-    evaluation, cells = first.evaluation(2, 0, lambda n: None), first.grid(grid, 1, 0, lambda n: None)
+    assert (first.evaluation_steps(2, 0), first.grids_steps([grid], 1, 0)) == (2 * 20, 2 * 20)
+    done: list[int] = []
+    evaluation, cells = first.evaluation(2, 0, done.append), first.grids([grid], 1, 0, done.append)
+    assert sum(done) == 2 * 20 + 2 * 20
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate", fail)
-    monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.evaluate_cell", fail)
-    ended: list[int] = []
+    monkeypatch.setattr("ogmp_sb3.evaluation.grid.play_sets", lambda policy, tasks, *_, **__: iter(map(fail, tasks)))
     again = subject(copy, SHORT)
-    assert again.evaluation(2, 0, ended.append) == evaluation
-    assert again.grid(grid, 1, 0, ended.append) == cells
-    assert ended == [2, 1, 1]
+    assert (again.evaluation_steps(2, 0), again.grids_steps([grid], 1, 0)) == (0, 0)
+    assert again.evaluation(2, 0, fail) == evaluation
+    assert again.grids([grid], 1, 0, fail) == cells
     for episodes, seed in ((3, 0), (2, 1)):
+        assert again.evaluation_steps(episodes, seed) == episodes * 20
         with pytest.raises(AssertionError, match="played again"):
-            again.evaluation(episodes, seed, ended.append)
+            again.evaluation(episodes, seed, fail)
+
+
+def test_cells_that_are_known_when_a_report_is_interrupted_are_kept(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ogmp_sb3.evaluation.episodes.BATCH", 2)
+    first = subject(copy, "evaluation.episode_steps=5")
+    grids = [
+        read_grid(f"{mode}.w:0.2:0.4:2,{mode}.v:1.0:1.1:1", first.task, first.loaded.task) for mode in ("jump", "leap")
+    ]
+    done = 0
+
+    def stopped(steps: int) -> None:
+        nonlocal done
+        done += steps
+        if done > 3 * 2 * 5 + 4:  # in the fourth of four cells
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        first.grids(grids, 2, 0, stopped)
+    again = subject(copy, "evaluation.episode_steps=5")
+    assert again.grids_steps(grids, 2, 0) == 2 * 5
+    found = again.grids(grids, 2, 0, lambda n: None)
+    assert again.grids_steps(grids, 2, 0) == 0
+    assert [[cell["metrics"]["return"]["n"] for cell in grid["cells"]] for grid in found] == [[2, 2], [2, 2]]
+    fresh = subject(copy, "evaluation.episode_steps=5", "evaluation.initial=null").grids(grids, 2, 0, lambda n: None)
+    assert fresh != found
 
 
 def test_what_ogmp_eval_left_is_used_for_the_same_settings_alone(

@@ -12,8 +12,8 @@ from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.evaluation.grid import cell_task, default_grids, read_grid
+from ogmp_sb3.report.heat_maps import grid_rows
 from ogmp_sb3.report.plots.evaluations import plot_grids
-from ogmp_sb3.report.run_sections import grid_rows
 
 PARKOUR = load_task("parkour")
 

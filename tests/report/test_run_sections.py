@@ -47,17 +47,11 @@ def test_mean_and_interval_fit_one_cell() -> None:
 def test_the_evaluation_says_that_copies_count_once(tmp_path: Path) -> None:
     each = {"return": Estimate(1.0, 0.5, 4, 0.0, 2.0)}
     found = Evaluation(each, {}, 0.0, {"fall": 4}, copies=12)
-    subject = SimpleNamespace(task=PARKOUR, evaluation=lambda episodes, seed, progress: found)
+    subject = SimpleNamespace(
+        task=PARKOUR, evaluation=lambda episodes, seed, progress: found, evaluation_steps=lambda episodes, seed: 0
+    )
     section = run_sections.evaluation(subject, 16, 0, tmp_path)  # type: ignore[arg-type]
     assert section.text.endswith("12 of 16 episodes are copies of others and count once.")
-
-
-@pytest.mark.parametrize(("cell", "trained"), [([0.0, 0.25], False), ([0.25, 0.75], True), ([0.0, 9.0], True)])
-def test_a_cell_was_trained_on_by_its_middle_or_if_it_holds_the_whole_range(cell: list[float], trained: bool) -> None:
-    metrics = {"return": estimate([1.0, 2.0]).as_data()}
-    grid = {"mode": "jump", "axes": ["w", "h"], "trained": {"w": [0.3, 0.5], "h": [0.0, 1.0]}}
-    (row,) = run_sections.grid_rows([{**grid, "cells": [{"w": cell, "h": [0.0, 1.0], "metrics": metrics}]}])
-    assert (row["trained"], row["return"], row["n"]) == (trained, 1.5, 2)
 
 
 def test_variants_are_told_from_what_was_trained_and_oracles_are_those_of_the_task(monkeypatch, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, progress_bar
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, progress_bar, steps_bar
 
 
 class Logged:
@@ -101,3 +101,25 @@ def test_a_bar_counts_from_where_a_run_goes_on(capsys: pytest.CaptureFixture[str
     with progress_bar(100, "sample", done=40) as bar:
         bar.update(10)
     assert "50.0/100" in capsys.readouterr().err
+
+
+def test_the_time_left_of_episodes_is_by_the_mean_pace_so_far(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+    with steps_bar(1000, "heat maps") as bar:
+        for seconds, steps in ((10.0, 100), (10.0, 100), (12.0, 300)):  # an episode has ended early
+            now[0] += seconds
+            bar.update(steps)
+        bar.refresh()
+        assert "heat maps:  50%" in (shown := capsys.readouterr().err.split("\r")[-1])
+        assert "500/1.00k control steps [00:32<00:32]" in shown
+        bar.update(500)
+    assert "100%" in capsys.readouterr().err
+
+
+def test_there_is_no_bar_where_nothing_is_played(capsys: pytest.CaptureFixture[str]) -> None:
+    with steps_bar(0, "evaluation"):
+        pass
+    assert capsys.readouterr().err == ""
