@@ -12,6 +12,7 @@ import pytest
 from helpers.learners import make_policy
 from helpers.programs import program
 from helpers.projects import edit, make_project
+from ogmp_sb3.evaluation.endless import endless
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
 from ogmp_sb3.evaluation.grid import read_grid
@@ -118,9 +119,9 @@ def test_endless_tests_are_kept_and_those_of_ogmp_eval_are_used(
         (copy / "evaluation" / file).unlink()
     assert subject(copy).endless(2, 0, 0.6, lambda n: None) == left  # measured
     monkeypatch.setattr("ogmp_sb3.evaluation.evaluated_policy.play_episodes", fail)
-    ended: list[int] = []
-    assert subject(copy).endless(2, 0, 0.6, ended.append) == left
-    assert ended == [2]
+    assert subject(copy).endless(2, 0, 0.6, fail) == left
+    assert subject(copy).endless_steps(2, 0, 0.6) == 0
+    assert subject(copy).endless_steps(3, 0, 0.6) == 3 * endless(subject(copy).task, 0.6).episode_steps
 
 
 def test_evaluations_that_were_kept_without_the_numbers_of_each_episode_are_made_anew(
