@@ -82,7 +82,7 @@ def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
         ("num_env=3", "Did you mean 'num_envs=3'?"),
         ("gamma=0.9", "Did you mean 'ppo.gamma=0.9'?"),
         ("tsak=dive", "Did you mean 'task=dive'?"),
-        ("ppo.gama=0.9", "'ppo.gama' is not a known key (allowed: ppo.batch_size, "),
+        ("ppo.gama=0.9", "'ppo.gama' is not a known key (allowed: ppo.asymmetric_noise, "),
         ("zzz=1", "'zzz' is not a known key (allowed: checkpoint_interval, "),
         ("rho.x=1", "'rho' is the number 0.3: it has no 'x' to set."),
         ("task.min_step_reard=1", "tasks/dive.yaml: 'min_step_reard' is not a known key"),
