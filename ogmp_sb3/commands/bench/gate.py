@@ -31,6 +31,7 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import load_json
 from ogmp_sb3.sb3.hyperparameters import default_ppo
+from ogmp_sb3.sb3.threads import torch_threads
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 TASK = "parkour"
@@ -208,7 +209,7 @@ class Row:
 
 def bench_gate() -> Numbers:
     """All measures once, with one thread: a baseline."""
-    with _one_thread():
+    with torch_threads(1):
         return {name: take() for name, (take, _) in MEASURES.items()}
 
 
@@ -219,7 +220,7 @@ def compare(baseline: Numbers, tolerance: float) -> list[Row]:
     :param tolerance: how far a measure may fall behind, as a share of it
     """
     rows = []
-    with _one_thread():
+    with torch_threads(1):
         for name, (take, more_is_better) in MEASURES.items():
             best = max if more_is_better else min
             limit = baseline[name] * (1 - tolerance if more_is_better else 1 + tolerance)
@@ -229,16 +230,6 @@ def compare(baseline: Numbers, tolerance: float) -> list[Row]:
                     row = Row(**{**vars(row), "now": best(row.now, take())})
             rows.append(row)
     return rows
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    before = th.get_num_threads()
-    th.set_num_threads(1)
-    try:
-        yield
-    finally:
-        th.set_num_threads(before)
 
 
 def shown(value: float) -> str:

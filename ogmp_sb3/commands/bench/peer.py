@@ -16,6 +16,7 @@ from ogmp_sb3.commands.bench.random_env import RandomEnv
 from ogmp_sb3.commands.bench.timing import Numbers, cpu_seconds_of, median
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
+from ogmp_sb3.sb3.threads import torch_threads
 
 ENDINGS = (0.05, 0.005)  # shares of the steps that end an episode: of early training, and of a good policy
 INSTALL = "pip install rsl-rl-lib"
@@ -41,9 +42,7 @@ def bench_peer(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
     recipe = replace(default_ppo(), chunk_length=None, input_layers=(), symmetry=False)  # what both have
     samples = recipe.n_steps * num_envs
     numbers: Numbers = {}
-    before = th.get_num_threads()
-    th.set_num_threads(1)
-    try:
+    with torch_threads(1):
         for endings in ENDINGS:
             ours = learner(RandomEnv(task, num_envs, endings), recipe)
             theirs = RslRl(RandomEnv(task, num_envs, endings), recipe)
@@ -56,8 +55,6 @@ def bench_peer(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
             numbers[f"learner_over_rsl_rl_{label}"] = ratio
             numbers[f"samples_per_second_{label}"] = samples / median(seconds[0])
             numbers[f"rsl_rl_samples_per_second_{label}"] = samples / median(seconds[1])
-    finally:
-        th.set_num_threads(before)
     return numbers
 
 

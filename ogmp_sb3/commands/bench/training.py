@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-import torch as th
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from ogmp_sb3.commands.bench.learner import learner, stock_learner
@@ -19,6 +18,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.settings import thread_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import LstmPolicy
+from ogmp_sb3.sb3.threads import torch_threads
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 BARE_DT = 0.002  # s: physics step of the bare physics, whatever the training's own is
@@ -49,13 +49,9 @@ class Training:
 
         :param samples: whole rollouts
         """
-        before = th.get_num_threads()
-        th.set_num_threads(self.threads)
         self._clock.seconds.clear()
-        try:
+        with torch_threads(self.threads):
             total = seconds_of(lambda: self.model.learn(samples, reset_num_timesteps=False))
-        finally:
-            th.set_num_threads(before)
         spent = self._clock.seconds
         return {
             "physics": spent["physics"],
@@ -134,16 +130,11 @@ def _stock_rate(task: TaskConfig, num_envs: int, policy: LstmPolicy | None) -> f
 
     The networks have one thread: beside the processes of the environments, several wait for each other.
     """
-    before = th.get_num_threads()
-    th.set_num_threads(1)
-    try:
-        with closing(stock_env(SubprocVecEnv, task, num_envs)) as env:
-            model = stock_learner(env, recipe_for(policy), policy)
-            rollout = model.n_steps * num_envs
-            model.learn(rollout)
-            return rollout / seconds_of(lambda: model.learn(rollout, reset_num_timesteps=False))
-    finally:
-        th.set_num_threads(before)
+    with torch_threads(1), closing(stock_env(SubprocVecEnv, task, num_envs)) as env:
+        model = stock_learner(env, recipe_for(policy), policy)
+        rollout = model.n_steps * num_envs
+        model.learn(rollout)
+        return rollout / seconds_of(lambda: model.learn(rollout, reset_num_timesteps=False))
 
 
 def _memory_per_env(task: TaskConfig) -> float:
