@@ -18,12 +18,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 from ogmp_sb3.env.mirror import Mirror
 from ogmp_sb3.sb3.finite_updates import undone_unless_finite
 from ogmp_sb3.sb3.policy import LstmPolicy, LstmStates, Normaliser
-from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer
+from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer, lstm_outputs
 from ogmp_sb3.sb3.symmetry import SymmetricNoise, Symmetry
 from ogmp_sb3.sb3.threads import torch_threads
 
@@ -282,7 +281,7 @@ class RecurrentPPO(StockRecurrentPPO):
     ) -> tuple[dict[str, th.Tensor], th.Tensor]:
         """Add the gradients of the clipped surrogate and the entropy bonus; returns what to log, and the KL."""
         policy, data = self.policy, self.rollout_buffer.flat
-        latent = _lstm_outputs(policy.lstm_actor, batch, features, self.rollout_buffer.actor_states)
+        latent = lstm_outputs(policy.lstm_actor, batch, features, self.rollout_buffer.actor_states)
         distribution = policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(latent))
         actions = data["actions"][batch.order]
         if isinstance(self.action_space, spaces.Discrete):
@@ -312,7 +311,7 @@ class RecurrentPPO(StockRecurrentPPO):
     def _critic_gradients(self, batch: Minibatch, features: th.Tensor) -> th.Tensor:
         """Add the gradients of the value loss, which is returned."""
         policy, data = self.policy, self.rollout_buffer.flat
-        latent = _lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)
+        latent = lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)
         values = policy.value_net(policy.mlp_extractor.forward_critic(latent)).flatten()
         if self.clip_range_vf is not None:
             limit = self.clip_range_vf(self._current_progress_remaining)
@@ -337,19 +336,3 @@ class RecurrentPPO(StockRecurrentPPO):
             self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/clip_range", clip_range)
-
-
-def _lstm_outputs(
-    lstm: nn.LSTM, batch: Minibatch, features: th.Tensor, states: tuple[th.Tensor, th.Tensor]
-) -> th.Tensor:
-    """Outputs of an LSTM for the transitions ``batch.order``, shape (n, hidden size).
-
-    :param features: of the whole rollout, env-major, shape (envs * steps, size)
-    :param states: stored hidden and cell states, each of shape (layers, saved steps * envs, hidden size)
-    """
-    outputs = []
-    for group in batch.groups:
-        initial = tuple(state[:, group.stored] * group.keep for state in states)
-        output, _ = lstm(features[group.steps], initial)
-        outputs.append(output[group.valid])
-    return th.cat(outputs)

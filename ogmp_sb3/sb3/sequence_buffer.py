@@ -14,6 +14,7 @@ import numpy as np
 import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.buffers import RolloutBuffer
+from torch import nn
 
 from ogmp_sb3.machine import compiled
 
@@ -128,6 +129,22 @@ class SequenceBuffer(RolloutBuffer):
 
     def _tensor(self, array: np.ndarray) -> th.Tensor:
         return th.from_numpy(array).to(self.device)
+
+
+def lstm_outputs(
+    lstm: nn.LSTM, batch: Minibatch, features: th.Tensor, states: tuple[th.Tensor, th.Tensor]
+) -> th.Tensor:
+    """Outputs of an LSTM for the transitions ``batch.order``, shape (n, hidden size).
+
+    :param features: of the whole rollout, env-major, shape (envs * steps, size)
+    :param states: stored hidden and cell states, each of shape (layers, saved steps * envs, hidden size)
+    """
+    outputs = []
+    for group in batch.groups:
+        initial = tuple(state[:, group.stored] * group.keep for state in states)
+        output, _ = lstm(features[group.steps], initial)
+        outputs.append(output[group.valid])
+    return th.cat(outputs)
 
 
 def _flatten(array: np.ndarray) -> np.ndarray:

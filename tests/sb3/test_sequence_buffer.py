@@ -9,7 +9,6 @@ import pytest
 import torch as th
 
 from helpers.rollouts import SETTINGS, rollout, short_episodes, stock_twin
-from ogmp_sb3.sb3 import recurrent_ppo as recurrent
 from ogmp_sb3.sb3 import sequence_buffer as sequences
 
 
@@ -72,7 +71,7 @@ def test_chunks_give_the_log_probabilities_and_values_of_the_rollout(env, chunk_
             (model.policy.lstm_actor, buffer.actor_states, lambda x: model.policy._get_action_dist_from_latent(x)),
             (model.policy.lstm_critic, buffer.critic_states, lambda x: model.policy.value_net(x)),
         ):
-            output = head(recurrent._lstm_outputs(lstm, batch, features, states))
+            output = head(sequences.lstm_outputs(lstm, batch, features, states))
             if lstm is model.policy.lstm_critic:
                 th.testing.assert_close(output.flatten(), buffer.flat["values"][batch.order], atol=1e-5, rtol=0)
             else:
