@@ -23,7 +23,7 @@ from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
-from ogmp_sb3.env.mirror import mirror_error
+from ogmp_sb3.env.mirror import mirror_error, mirrors
 from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
 from ogmp_sb3.evaluation.evaluate import metric_names
 from ogmp_sb3.guidance.admissible import admissible_rho
@@ -105,7 +105,7 @@ def _middle(range_: Range) -> float | str:
 def _mirror_image(env: BatchEnv) -> str:
     """How symmetric the robot is, or why a policy cannot be trained with ``ppo.symmetry``."""
     try:
-        joints = env.mirrors()[1]
+        joints = mirrors(env)[1]
     except ValueError as error:
         return f"none: {error}"
     difference = mirror_error(env.task.robot_config, env.sim.model, joints)

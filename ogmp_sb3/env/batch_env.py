@@ -14,7 +14,6 @@ from ogmp_sb3.env import snapshots
 from ogmp_sb3.env.disturbances import Disturbances
 from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
 from ogmp_sb3.env.initial import InitialStates
-from ogmp_sb3.env.mirror import Mirror, joint_mirror, observation_mirror
 from ogmp_sb3.env.observations import CLIP, Signal
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.row_tasks import common_task
@@ -128,15 +127,6 @@ class BatchEnv:
     def action_size(self) -> int:
         """Length of one action."""
         return len(self._nominal)
-
-    def mirrors(self) -> tuple[Mirror, Mirror]:
-        """The mirror images of an observation and of an action.
-
-        :raises ValueError: if the robot, or an observation, has none
-        """
-        joints = joint_mirror(self.task.robot_config, self.sim.model)
-        both_sides = self.task.latent_of_both_sides
-        return observation_mirror(self._observations, self.view(), self._weights, joints, both_sides), joints
 
     def seed(self, seed: int) -> None:
         """Give row ``i`` the generator of ``seed + i``, and start its curriculum anew without commands."""

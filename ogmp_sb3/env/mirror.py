@@ -13,16 +13,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ogmp_sb3.config import registry
 from ogmp_sb3.config.robot import RobotConfig
+from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.robot_check import nominal_data
+from ogmp_sb3.env.terms import bind
 from ogmp_sb3.env.view import EnvView, srb_state
 from ogmp_sb3.guidance.rotations import rpy_to_quat
-from ogmp_sb3.guidance.srb import STATE_MIRROR, STATE_SIZE, deviation
+from ogmp_sb3.guidance.srb import AXIAL_MIRROR, POLAR_MIRROR, STATE_MIRROR, STATE_SIZE, deviation
 from ogmp_sb3.guidance.terrain import Y0, Y1, height_at
 
-POLAR = np.array([1.0, -1.0, 1.0])  # positions and velocities
-AXIAL = -POLAR  # rotations
-QUAT = np.array([1.0, -1.0, 1.0, -1.0])
+QUAT_MIRROR = np.array([1.0, -1.0, 1.0, -1.0])
 NEAR = 0.02  # m: how far a joint may be from the mirror image of its counterpart
 ALIGNED = 0.99  # cosine between the axes
 PROBES = 64  # views that tell which value of an observation mirrors which
@@ -44,6 +45,17 @@ class Mirror:
         return image
 
 
+def mirrors(env: BatchEnv) -> tuple[Mirror, Mirror]:
+    """The mirror images of an observation and of an action of some environments.
+
+    :raises ValueError: if the robot, or an observation, has none
+    """
+    task = env.task
+    joints = joint_mirror(task.robot_config, env.sim.model)
+    terms, weights = bind(registry.observations, task.observations), np.array(task.bound_weights)
+    return observation_mirror(terms, env.view(), weights, joints, task.latent_of_both_sides), joints
+
+
 def joint_mirror(robot: RobotConfig, model: mujoco.MjModel) -> Mirror:
     """The mirror image of joint positions: each joint's counterpart on the other side, which may be itself.
 
@@ -56,9 +68,9 @@ def joint_mirror(robot: RobotConfig, model: mujoco.MjModel) -> Mirror:
     base = data.body(robot.base).xpos
     anchors, axes = data.xanchor[ids] - base, data.xaxis[ids]
     source, sign = np.zeros(len(ids), dtype=int), np.ones(len(ids))
-    for i, (anchor, axis, kind) in enumerate(zip(POLAR * anchors, axes, model.jnt_type[ids], strict=True)):
+    for i, (anchor, axis, kind) in enumerate(zip(POLAR_MIRROR * anchors, axes, model.jnt_type[ids], strict=True)):
         turns = kind == mujoco.mjtJoint.mjJNT_HINGE
-        along = axes @ ((AXIAL if turns else POLAR) * axis)
+        along = axes @ ((AXIAL_MIRROR if turns else POLAR_MIRROR) * axis)
         distance = np.linalg.norm(anchors - anchor, axis=1)
         fits = (np.abs(along) > ALIGNED) & (distance < NEAR) & (model.jnt_type[ids] == kind)
         if not fits.any():
@@ -89,18 +101,18 @@ def mirrored(view: EnvView, joints: Mirror, latent: np.ndarray) -> EnvView:
     terrain[..., [Y0, Y1]] = -view.terrain[..., [Y1, Y0]]
     return replace(
         view,
-        base_pos_w=POLAR * view.base_pos_w,
-        base_quat=QUAT * view.base_quat,
-        base_linvel_w=POLAR * view.base_linvel_w,
-        base_linvel_b=POLAR * view.base_linvel_b,
-        base_angvel_b=AXIAL * view.base_angvel_b,
+        base_pos_w=POLAR_MIRROR * view.base_pos_w,
+        base_quat=QUAT_MIRROR * view.base_quat,
+        base_linvel_w=POLAR_MIRROR * view.base_linvel_w,
+        base_linvel_b=POLAR_MIRROR * view.base_linvel_b,
+        base_angvel_b=AXIAL_MIRROR * view.base_angvel_b,
         joint_pos=joints(view.joint_pos),
         joint_vel=joints(view.joint_vel),
         torque=joints(view.torque),
         terrain=terrain,
         state=STATE_MIRROR * view.state,
         reference=STATE_MIRROR * view.reference,
-        reference_quat=QUAT * view.reference_quat,
+        reference_quat=QUAT_MIRROR * view.reference_quat,
         latent=latent,
     )
 
@@ -182,7 +194,7 @@ def mirror_error(robot: RobotConfig, model: mujoco.MjModel, joints: Mirror) -> f
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     nominal, base = np.array(robot.nominal_joints), model.body(robot.base).jntadr[0]
     dofs = np.concatenate([model.jnt_dofadr[base] + np.arange(6), [model.joint(n).dofadr[0] for n in robot.joints]])
-    sign = np.concatenate([POLAR, AXIAL, joints.sign])
+    sign = np.concatenate([POLAR_MIRROR, AXIAL_MIRROR, joints.sign])
     source = np.concatenate([np.arange(6), 6 + joints.source])
     errors = []
     for _ in range(MIRROR_POSES):

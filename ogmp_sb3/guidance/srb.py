@@ -26,8 +26,10 @@ from ogmp_sb3.guidance.rotations import (
 GRAVITY = 9.81  # m/s^2
 STATE_SIZE = 12
 RPY, POS, OMEGA, VEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-STATE_MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
-"""factors on a state that give its mirror image across the plane y = 0"""
+# Factors that give mirror images across the plane y = 0: of positions and velocities, of rotations, of a state.
+POLAR_MIRROR = np.array([1.0, -1.0, 1.0])
+AXIAL_MIRROR = -POLAR_MIRROR
+STATE_MIRROR = np.tile(np.concatenate([AXIAL_MIRROR, POLAR_MIRROR]), 2)
 
 
 def deviation(state: np.ndarray, reference: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -12,12 +12,8 @@ from ogmp_sb3.config.strict import check_range, read
 from ogmp_sb3.config.yaml_files import read_yaml
 
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
-OURS = (
-    "asymmetric_noise",
-    "chunk_length",
-    "learning_rate_half_life",
-    "learn_noise",
-)  # settings that sb3-contrib's class does not have
+# Settings of our learner that sb3-contrib's does not have, of the network, and of what is asked of the environments.
+OURS = ("asymmetric_noise", "chunk_length", "learning_rate_half_life", "learn_noise")
 OF_NETWORK = ("input_layers", "lstm_hidden_size", "n_lstm_layers")
 OF_ENVIRONMENT = ("symmetry",)
 PPO_RANGES: dict[str, tuple[float, float]] = {

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.env.mirror import Mirror
+from ogmp_sb3.env.mirror import Mirror, mirrors
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
@@ -92,6 +92,6 @@ def make_model(
 def _mirrors(batch: BatchEnv) -> tuple[Mirror, Mirror]:
     """:raises ValueError: if the task has no mirror image"""
     try:
-        return batch.mirrors()
+        return mirrors(batch)
     except ValueError as error:
         raise ValueError(f"{batch.task.file}: {str(error).rstrip('.')}; train with ppo.symmetry=false.") from None

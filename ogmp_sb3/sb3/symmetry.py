@@ -45,10 +45,9 @@ class Symmetry:
     def symmetrise_weights(self) -> None:
         """Make the weights their own mirror image: of each two that are each other's, the first counts."""
         for weight, source, sign in self._images:
-            own = th.arange(len(source), device=source.device)
-            first, values = th.minimum(source, own), weight.flatten()
+            own, values = th.arange(len(source), device=source.device), weight.flatten()
+            values = th.where(source < own, sign * values[source], values)
             odd = (source == own) & (sign < 0)  # its own image, and its negative
-            values = th.where(first == source, sign * values[source], values)
             weight.copy_(th.where(odd, 0.0, values).view_as(weight))
 
     @th.no_grad()
@@ -61,9 +60,13 @@ class Symmetry:
 
     def both_sides(self, observations: th.Tensor) -> th.Tensor:
         """Observations, shape (n, size), and their mirror images, shape (2 n, size)."""
-        source = th.as_tensor(self._observation.source, device=observations.device)
-        sign = th.as_tensor(self._observation.sign, dtype=observations.dtype, device=observations.device)
-        return th.cat([observations, sign * observations[:, source]])
+        return th.cat([observations, _image(observations, self._observation)])
+
+
+def _image(vectors: th.Tensor, mirror: Mirror) -> th.Tensor:
+    """The mirror images of vectors, shape (n, size)."""
+    source = th.as_tensor(mirror.source, device=vectors.device)
+    return th.as_tensor(mirror.sign, dtype=vectors.dtype, device=vectors.device) * vectors[:, source]
 
 
 def _image_of_weight(
@@ -113,8 +116,7 @@ class SymmetricNoise(DiagGaussianDistribution):
 
     def __init__(self, action: Mirror, asymmetric: float) -> None:
         super().__init__(len(action.sign))
-        self._source, self._sign = th.as_tensor(action.source), th.as_tensor(action.sign, dtype=th.float32)
-        self._asymmetric = asymmetric
+        self._action, self._asymmetric = action, asymmetric
         own = action.sign[action.source == np.arange(len(action.sign))].sum()  # trace of the mirror
         self._log_volume = float(math.log(asymmetric) * (len(action.sign) - own) / 2)
 
@@ -136,6 +138,5 @@ class SymmetricNoise(DiagGaussianDistribution):
 
     def _scaled(self, noise: th.Tensor, factor: float) -> th.Tensor:
         """Noise with its opposite part times a factor."""
-        image = self._sign.to(noise.device) * noise[:, self._source.to(noise.device)]
-        scaled: th.Tensor = 0.5 * (noise + image) + 0.5 * factor * (noise - image)
-        return scaled
+        image = _image(noise, self._action)
+        return 0.5 * (noise + image) + 0.5 * factor * (noise - image)

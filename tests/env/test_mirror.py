@@ -13,7 +13,7 @@ from helpers.robots import PUP, variant
 from ogmp_sb3 import load_task
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.env.mirror import Mirror, joint_mirror, mirror_error, observation_mirror
+from ogmp_sb3.env.mirror import Mirror, joint_mirror, mirror_error, mirrors, observation_mirror
 from ogmp_sb3.env.observations import Signal
 from ogmp_sb3.env.robot_model import build_model
 
@@ -39,7 +39,7 @@ def test_a_quadruped_s_front_legs_mirror_each_other_and_not_its_hind_legs() -> N
 
 
 def test_a_mirror_image_of_a_mirror_image_is_the_vector_itself() -> None:
-    observation, action = BatchEnv(load_task("parkour", BOTH_SIDES), 2).mirrors()
+    observation, action = mirrors(BatchEnv(load_task("parkour", BOTH_SIDES), 2))
     for mirror in (observation, action):
         vector = np.random.default_rng(0).normal(size=(3, len(mirror.sign)))
         np.testing.assert_array_equal(mirror(mirror(vector)), vector)
@@ -54,7 +54,7 @@ def test_mirrored_actions_give_mirrored_observations(name: str) -> None:
     """
     task = load_task(name, {**BOTH_SIDES, "curriculum": None, "restarts": None, "initial": None})
     one, other = BatchEnv(task, 4, seed=3, threads=1), BatchEnv(task, 4, seed=3, threads=1)
-    observation, action = one.mirrors()
+    observation, action = mirrors(one)
     if name == "dive":  # the same flips: mirrored left ones are right ones
         one, other = (BatchEnv(load_task(name, {**BOTH_SIDES, "modes.flip.r": r}), 4, 3) for r in ("left", "right"))
     seen, image = one.reset(), other.reset()
@@ -94,8 +94,8 @@ def test_an_observation_of_one_side_alone_has_no_mirror_image() -> None:
 
 def test_the_latent_has_a_mirror_image_only_with_that_of_the_mirrored_reference() -> None:
     with pytest.raises(ValueError, match="'mode_latent'"):
-        BatchEnv(load_task("dive", {"observations.mode_latent.both_sides": False}), 2).mirrors()
-    BatchEnv(load_task("dive", BOTH_SIDES), 2).mirrors()
+        mirrors(BatchEnv(load_task("dive", {"observations.mode_latent.both_sides": False}), 2))
+    mirrors(BatchEnv(load_task("dive", BOTH_SIDES), 2))
 
 
 @pytest.mark.parametrize("robot, least, most", [("hector", 1e-5, 0.01), ("pup", 0.0, 1e-9)])
