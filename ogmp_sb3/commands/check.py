@@ -105,7 +105,7 @@ def _middle(range_: Range) -> float | str:
 def _mirror_image(env: BatchEnv) -> str:
     """How symmetric the robot is, or why a policy cannot be trained with ``ppo.symmetry``."""
     try:
-        joints = mirrors(env)[1]
+        joints = mirrors(env).action
     except ValueError as error:
         return f"none: {error}"
     difference = mirror_error(env.task.robot_config, env.sim.model, joints)
@@ -119,6 +119,9 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
     rho = "off" if task.rho is None else f"{task.rho:g} on {', '.join(k for k, w in task.bound.items() if w)}"
     table.add_row("oracle", f"{task.oracle}, horizon {task.horizon or 'one mode'}, rho {rho}")
     table.add_row("observation", f"{env.observation_size} numbers: {_names(task.observations)}")
+    if any(parameters is not None for parameters in task.critic_observations.values()):
+        numbers = env.critic_observation().shape[1]
+        table.add_row("critic alone", f"{numbers} numbers: {_names(task.critic_observations)}")
     table.add_row("reward", _names(task.rewards))
     table.add_row("action", f"{env.action_size} joint targets, nominal +- {task.action.scale:g} rad")
     for title, initial in (("initial state", task.initial), ("initial state, test", task.evaluation.initial)):

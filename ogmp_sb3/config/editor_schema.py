@@ -54,6 +54,7 @@ def _named_fields() -> dict[tuple[type[Any], str], Schema]:
         (TaskConfig, "feedback"): _list({"enum": list(STATE_NAMES)}),
         (TaskConfig, "bound"): _mapping(dict.fromkeys(STATE_NAMES, NUMBER)),
         (TaskConfig, "observations"): _terms(registry.observations),
+        (TaskConfig, "critic_observations"): _terms(registry.observations),
         (TaskConfig, "rewards"): _terms(registry.rewards),
         (TaskConfig, "terminations"): terminations,
         (TaskConfig, "objective"): {"enum": registry.objectives.names()},

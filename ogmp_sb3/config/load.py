@@ -56,6 +56,7 @@ def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
         robot_config=robot,
         oracle_params=_read_oracles(task, where),
         observations=_read_terms(task.observations, registry.observations, where / "observations"),
+        critic_observations=_read_terms(task.critic_observations, registry.observations, where / "critic_observations"),
         rewards=_read_terms(task.rewards, registry.rewards, where / "rewards"),
         terminations=_read_terms(task.terminations, registry.terminations, where / "terminations"),
         evaluation=replace(task.evaluation, terminations=ending),

@@ -188,6 +188,8 @@ class TaskConfig:
     """disturbances in training; null: none"""
     observations: Terms
     """observation terms in order, with parameters; null removes one"""
+    critic_observations: Terms = field(default_factory=dict)
+    """observation terms that only the critic sees, in training"""
     rewards: Terms
     """reward terms with parameters; null removes one"""
     terminations: Terms = field(default_factory=dict)
@@ -225,6 +227,9 @@ class TaskConfig:
         noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
         if noise and self.observations.get("proprioception") is None:
             raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
+        latents = [terms.get("mode_latent") for terms in (self.observations, self.critic_observations)]
+        if None not in latents and latents[0] != latents[1]:
+            raise ValueError("'mode_latent' must be the same in 'observations' and 'critic_observations'.")
         for key, randomisation, physics_dt in (
             ("randomisation", self.randomisation, self.physics_dt),
             ("evaluation.randomisation", self.evaluation.randomisation, self.test_physics_dt),
@@ -260,14 +265,20 @@ class TaskConfig:
         return {name: ranges for name, ranges in self.modes.items() if ranges is not None}
 
     @property
+    def observed(self) -> dict[str, dict[str, Any]]:
+        """The terms that policy or critic observe, with their parameters."""
+        given = (*self.critic_observations.items(), *self.observations.items())
+        return {name: parameters for name, parameters in given if parameters is not None}
+
+    @property
     def uses_latent(self) -> bool:
-        """Whether the policy observes the mode latent."""
-        return self.observations.get("mode_latent") is not None
+        """Whether policy or critic observe the mode latent."""
+        return "mode_latent" in self.observed
 
     @property
     def latent_of_both_sides(self) -> bool:
-        """Whether it observes that of the reference's mirror image too."""
-        return bool((self.observations.get("mode_latent") or {}).get("both_sides", False))
+        """Whether they observe that of the reference's mirror image too."""
+        return bool(self.observed.get("mode_latent", {}).get("both_sides", False))
 
     @property
     def bound_weights(self) -> tuple[float, ...]:
@@ -277,7 +288,8 @@ class TaskConfig:
     def for_evaluation(self) -> TaskConfig:
         """This task under its test protocol.
 
-        No bound, reward floor, curriculum or restarts; physics step, initial states and randomisation of its own.
+        No bound, reward floor, curriculum or restarts, and no critic; physics step, initial states and randomisation of
+        its own.
         """
         return replace(
             self,
@@ -286,6 +298,7 @@ class TaskConfig:
             min_step_reward=None,
             curriculum=None,
             restarts=None,
+            critic_observations={},
             initial=self.evaluation.initial,
             randomisation=self.evaluation.randomisation,
             terminations=self.evaluation.terminations,

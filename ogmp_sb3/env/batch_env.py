@@ -14,7 +14,7 @@ from ogmp_sb3.env import snapshots
 from ogmp_sb3.env.disturbances import Disturbances
 from ogmp_sb3.env.endings import RUNNING, TIME_LIMIT, ending
 from ogmp_sb3.env.initial import InitialStates
-from ogmp_sb3.env.observations import CLIP, Signal
+from ogmp_sb3.env.observer import Observer
 from ogmp_sb3.env.restarts import Restarts
 from ogmp_sb3.env.row_tasks import common_task
 from ogmp_sb3.env.simulation import Simulation
@@ -84,13 +84,13 @@ class BatchEnv:
         self.task, self.num_envs, self.stream, self.row_tasks = task, num_envs, stream, row_tasks
         self.sim = Simulation(task.robot_config, num_envs, task.physics_dt, task.track.boxes, threads)
         self.guide = Guide(task, num_envs, row_tasks)
-        self._observations = bind(registry.observations, task.observations)
         self._rewards = bind(registry.rewards, task.rewards)
         self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
         randomisations = [each.randomisation for each in row_tasks or [task] * num_envs]
         self.disturbances = Disturbances(randomisations, self.action_size, task.physics_dt, task.substeps)
+        self.observer = Observer(task, self.disturbances)
         self.initial = InitialStates(task.initial, task.robot_config, self.sim)
 
         self.step_count = np.zeros(num_envs, dtype=int)
@@ -103,7 +103,7 @@ class BatchEnv:
         self.restarts = Restarts(task.restarts, num_envs, snapshots.pack(self._moment_arrays(), np.arange(1)).shape[1])
         self.seed(seed)
         self.reset()
-        self.observation_scale = self._signals(self.view(), None)[1]
+        self.observation_scale = self.observer.scale(self.view())
         self.seed(seed)
 
     # ------------------------------------------------------------------ interface
@@ -172,7 +172,7 @@ class BatchEnv:
             self._go_back(begun_from)
         self.restarted[rows] = [row in begun_from for row in rows]
         self._ended[rows] = False
-        return self._observe(self.view(rows), rows)
+        return self.observer.policy(self.view(rows), rows)
 
     def _begin(self, rows: np.ndarray) -> None:
         """Put robots down at the start of new variants of the task."""
@@ -234,10 +234,18 @@ class BatchEnv:
         if len(changed):
             self.sim.set_terrain(changed, self.terrain[changed])
         self._remember(terminated & ~unstable)
-        plans = self.guide.plans
-        ahead = replace(view, phase=plans.phase, period=plans.period, latent=plans.latent, terrain=self.terrain)
+        knots = self.guide.knots(self._every)
+        ahead = replace(
+            view,
+            terrain=self.terrain,
+            reference=knots.reference,
+            reference_quat=knots.quat,
+            latent=knots.latent,
+            phase=knots.phase,
+            period=knots.period,
+        )
         return StepResult(
-            observation=self._observe(ahead),
+            observation=self.observer.policy(ahead),
             reward=reward,
             terminated=terminated,
             truncated=termination == TIME_LIMIT,
@@ -245,6 +253,13 @@ class BatchEnv:
             view=view,
             reward_terms=reward_terms,
         )
+
+    def critic_observation(self, rows: np.ndarray | None = None) -> np.ndarray:
+        """What only the critic sees at present of some environments, by default all, shape (n, size), float32.
+
+        In typical sizes of each value; see ``critic_observations`` of the task.
+        """
+        return self.observer.critic(self.view(rows))
 
     def plan(self, row: int) -> np.ndarray:
         """The oracle's present reference of an environment, from the query on, shape (knots + 1, 12)."""
@@ -333,21 +348,6 @@ class BatchEnv:
         """
         arrivals, kicks = self.disturbances.arrivals(targets, rows), self.disturbances.kicks(self.step_count, rows)
         self.sim.step(rows, self.task.substeps, arrivals, kicks)
-
-    def _signals(self, view: EnvView, rows: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Values and scales of the observation, as the sensors of some environments (by default all) give it."""
-        values, scales = [], []
-        for name, term in self._observations.items():
-            signal: Signal = term(view)
-            values.append(self.disturbances.measured(name, signal.value, signal.scale, rows))
-            scales.append(signal.scale)
-        return np.concatenate(values, axis=1), np.concatenate(scales)
-
-    def _observe(self, view: EnvView, rows: np.ndarray | None = None) -> np.ndarray:
-        value, scale = self._signals(view, rows)
-        observation: np.ndarray = np.clip(value, -CLIP * scale, CLIP * scale).astype(np.float32)
-        observation[~np.isfinite(observation)] = 0.0  # of a simulation that unstable
-        return observation
 
     def _remember(self, fallen: np.ndarray) -> None:
         """Keep the moments that are due, and those before a fall."""

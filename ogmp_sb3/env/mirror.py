@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -45,15 +45,34 @@ class Mirror:
         return image
 
 
-def mirrors(env: BatchEnv) -> tuple[Mirror, Mirror]:
-    """The mirror images of an observation and of an action of some environments.
+class Mirrors(NamedTuple):
+    """The mirror images of what a learner handles."""
+
+    observation: Mirror
+    """of an observation"""
+    action: Mirror
+    """of an action"""
+    critic: Mirror
+    """of an observation and what only the critic sees behind it"""
+
+
+def mirrors(env: BatchEnv) -> Mirrors:
+    """The mirror images of observations and actions of some environments.
 
     :raises ValueError: if the robot, or an observation, has none
     """
     task = env.task
     joints = joint_mirror(task.robot_config, env.sim.model)
-    terms, weights = bind(registry.observations, task.observations), np.array(task.bound_weights)
-    return observation_mirror(terms, env.view(), weights, joints, task.latent_of_both_sides), joints
+    view, weights = env.view(), np.array(task.bound_weights)
+    observation, alone = (
+        observation_mirror(bind(registry.observations, terms), view, weights, joints, task.latent_of_both_sides)
+        for terms in (task.observations, task.critic_observations)
+    )
+    critic = Mirror(
+        np.concatenate([observation.source, len(observation.source) + alone.source]),
+        np.concatenate([observation.sign, alone.sign]),
+    )
+    return Mirrors(observation, joints, critic)
 
 
 def joint_mirror(robot: RobotConfig, model: mujoco.MjModel) -> Mirror:
@@ -149,7 +168,7 @@ def observation_mirror(
             sources.append(first + source)
             signs.append(sign)
         first += value.shape[1]
-    return Mirror(np.array(sources), np.array(signs))
+    return Mirror(np.array(sources, dtype=int), np.array(signs))
 
 
 def _random_view(view: EnvView, weights: np.ndarray) -> EnvView:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ogmp_sb3.config.registry import looks_ahead, observations
 from ogmp_sb3.env.view import EnvView
+from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
 from ogmp_sb3.guidance.terrain import height_at, scan_points
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
@@ -89,6 +90,24 @@ def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
     heights = height_at(view.terrain, scan_points(view.base_pos_w, points, spacing))
     relative = np.clip(heights - view.ground_height[:, None], -DEEPEST, DEEPEST)
     return Signal(relative, np.full(points, 0.1), (Part("height_scan", "m", points),))
+
+
+@observations.register()
+def reference_error(view: EnvView) -> Signal:
+    """Robot's state minus the oracle's present reference (12), in the world frame; what the bound is about.
+
+    The error of the orientation is the rotation vector from the reference to the base. For ``critic_observations``: a
+    robot hardly knows where it is.
+    """
+    turned = quat_to_rotvec(quat_multiply(quat_conjugate(view.reference_quat), view.base_quat))
+    error = view.state - view.reference
+    parts = (
+        Part("rotation_error", "rad", 3),
+        Part("position_error", "m", 3),
+        Part("angvel_error", "rad/s", 3),
+        Part("linvel_error", "m/s", 3),
+    )
+    return Signal(np.concatenate([turned, error[:, 3:]], axis=1), np.repeat((0.1, 0.1, 1.0, 0.3), 3), parts)
 
 
 @observations.register()

@@ -240,6 +240,5 @@ def _lookahead(task: TaskConfig, horizon: int, corners: list[Segment]) -> float:
 
 def _observed_ahead(task: TaskConfig) -> dict[str, float]:
     """How far ahead of the base each observation looks that does so, m."""
-    used = {name: parameters for name, parameters in task.observations.items() if parameters is not None}
-    reach = {name: getattr(registry.observations.get(name), "reach", None) for name in used}
-    return {name: reach_of(**used[name]) for name, reach_of in reach.items() if reach_of is not None}
+    reach = {name: getattr(registry.observations.get(name), "reach", None) for name in task.observed}
+    return {name: reach_of(**task.observed[name]) for name, reach_of in reach.items() if reach_of is not None}

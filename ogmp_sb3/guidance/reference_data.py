@@ -61,8 +61,8 @@ def reference_data(task: TaskConfig, references: int, seeds: np.random.SeedSeque
     :param references: how many, at least 1
     :param seeds: every course has a generator from here
     """
-    unseen = {**task.observations, "mode_latent": None}  # its encoder need not be there yet
-    guide, queries = Guide(replace(task, observations=unseen), 1), list[Query]()
+    unseen = replace(task, observations={**task.observations, "mode_latent": None}, critic_observations={})
+    guide, queries = Guide(unseen, 1), list[Query]()  # without its encoder, which need not be there yet
     while len(queries) < references:
         queries += _course(task, guide, np.random.default_rng(seeds.spawn(1)[0]))
     return collect(queries[:references])

@@ -52,7 +52,9 @@ class Player:
         self.task, self.policy = task, policy
         self._actor: Actor | None = None
         if policy is None:
-            unobserved = replace(endless(task), terminations={}, observations={"clock": {}}, initial=None)
+            unobserved = replace(
+                endless(task), terminations={}, observations={"clock": {}}, critic_observations={}, initial=None
+            )
             self.env: BatchEnv = OracleEnv(unobserved, 1, seed, threads=1, stream="test")
         else:
             self.env = BatchEnv(endless(task), 1, seed, threads=1, stream="test")

@@ -155,6 +155,8 @@ def _network(policy: Any) -> dict[str, Any]:
         "actions": int(policy.action_space.shape[0]),
         "kwargs": {
             "input_layers": list(policy.input_layers),
+            "critic_layers": None if policy.critic_layers is None else list(policy.critic_layers),
+            "critic_inputs": policy.critic_inputs,
             "lstm_hidden_size": policy.lstm_actor.hidden_size,
             "n_lstm_layers": policy.lstm_actor.num_layers,
         },

@@ -135,7 +135,14 @@ def _policy(network: Network, folder: Path) -> LstmPolicy:
         spaces.Box(-CLIP * scale, CLIP * scale, dtype=np.float32),
         spaces.Box(-1.0, 1.0, (network.actions,), np.float32),
         lambda _: 0.0,
-        **policy_kwargs(scale, size.lstm_hidden_size, size.n_lstm_layers, input_layers=size.input_layers),
+        **policy_kwargs(
+            scale,
+            size.lstm_hidden_size,
+            size.n_lstm_layers,
+            input_layers=size.input_layers,
+            critic_layers=size.critic_layers,
+            critic_inputs=size.critic_inputs,
+        ),
     )
     put_weights(policy, weights, folder)
     policy.set_training_mode(False)
@@ -189,6 +196,10 @@ class NetworkSize:
     """of each network"""
     input_layers: tuple[int, ...] = ()
     """units of each layer in front of them"""
+    critic_layers: tuple[int, ...] | None = None
+    """units of each layer of a critic without memory; null: the critic has an LSTM too"""
+    critic_inputs: int = 0
+    """how many values the critic sees beside the observation"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,10 +220,13 @@ class Network:
         """
         hidden, last = self.kwargs.lstm_hidden_size, self.kwargs.n_lstm_layers - 1
         lstm, layers = "lstm_actor.lstm" if self.kwargs.input_layers else "lstm_actor", self.kwargs.input_layers
+        critic = self.kwargs.critic_layers
         expected = {
             "features_extractor.mean": (len(self.scale),),
             f"{lstm}.weight_hh_l{last}": (4 * hidden, hidden),
             **{f"lstm_actor.layers.{2 * k}.bias": (units,) for k, units in enumerate(layers)},
+            **{f"critic.{2 * k}.bias": (units,) for k, units in enumerate(critic or ())},
+            **({"critic.0.weight": (critic[0], len(self.scale) + self.kwargs.critic_inputs)} if critic else {}),
             "action_net.bias": (self.actions,),
         }
         check_shapes(expected, weights)

@@ -13,8 +13,8 @@ from ogmp_sb3.config.yaml_files import read_yaml
 
 DEFAULTS = PACKAGE / "conf" / "train.yaml"
 # Settings of our learner that sb3-contrib's does not have, of the network, and of what is asked of the environments.
-OURS = ("asymmetric_noise", "chunk_length", "learning_rate_half_life", "learn_noise")
-OF_NETWORK = ("input_layers", "lstm_hidden_size", "n_lstm_layers")
+OURS = ("asymmetric_noise", "chunk_length", "critic_max_grad_norm", "learning_rate_half_life", "learn_noise")
+OF_NETWORK = ("critic_layers", "input_layers", "lstm_hidden_size", "n_lstm_layers")
 OF_ENVIRONMENT = ("symmetry",)
 PPO_RANGES: dict[str, tuple[float, float]] = {
     "n_steps": (1, 1e5),
@@ -59,6 +59,8 @@ class PPOConfig:
     """weight of the value loss"""
     max_grad_norm: float
     """gradients are clipped to this norm"""
+    critic_max_grad_norm: float | None = None
+    """the critic's gradients are clipped to this norm, the actor's to ``max_grad_norm``; null: together to that"""
     learn_noise: bool
     """whether the exploration noise is learned; false: it stays the task's ``action.noise``"""
     chunk_length: int | None
@@ -69,6 +71,8 @@ class PPOConfig:
     """of actor and critic"""
     input_layers: tuple[int, ...] = ()
     """units of the fully connected layers (ELU) in front of the LSTMs; older runs have none"""
+    critic_layers: tuple[int, ...] | None = None
+    """units of the fully connected layers (ELU) of a critic without memory; null: the critic is like the actor"""
     symmetry: bool = False
     """whether the policy is made left-right symmetric, so that every sample counts for both sides; older runs: not"""
     asymmetric_noise: float = 1.0
@@ -77,9 +81,12 @@ class PPOConfig:
     def __post_init__(self) -> None:
         for name, (low, high) in PPO_RANGES.items():
             check_range(name, getattr(self, name), low, high)
-        for units in self.input_layers:
-            check_range("input_layers", units, *PPO_RANGES["lstm_hidden_size"])
-        for name in ("clip_range", "target_kl", "max_grad_norm"):
+        if self.critic_layers == ():
+            raise ValueError("'critic_layers' must name at least one layer, or be null for a critic like the actor.")
+        for name in ("input_layers", "critic_layers"):
+            for units in getattr(self, name) or ():
+                check_range(name, units, *PPO_RANGES["lstm_hidden_size"])
+        for name in ("clip_range", "target_kl", "max_grad_norm", "critic_max_grad_norm"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise ValueError(f"'{name}' must be above 0, found {value:g}.")

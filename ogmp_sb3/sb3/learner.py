@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.env.mirror import Mirror, mirrors
+from ogmp_sb3.env.mirror import Mirrors, mirrors
 from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
@@ -76,8 +76,16 @@ def make_model(
     batch: BatchEnv = env.get_attr("batch")[0]
     action = batch.task.action
     noise = float(np.log(action.noise / action.scale))
-    network = policy_kwargs(batch.observation_scale, ppo.lstm_hidden_size, ppo.n_lstm_layers, noise, ppo.input_layers)
     ours = issubclass(kind, RecurrentPPO)
+    network = policy_kwargs(
+        batch.observation_scale,
+        ppo.lstm_hidden_size,
+        ppo.n_lstm_layers,
+        noise,
+        ppo.input_layers,
+        ppo.critic_layers,
+        batch.critic_observation().shape[1] if ours else 0,
+    )
     settings = (
         {**ppo.settings(), "mirrors": _mirrors(batch) if ppo.symmetry else None} if ours else ppo.stock_settings()
     )
@@ -89,7 +97,7 @@ def make_model(
     return model
 
 
-def _mirrors(batch: BatchEnv) -> tuple[Mirror, Mirror]:
+def _mirrors(batch: BatchEnv) -> Mirrors:
     """:raises ValueError: if the task has no mirror image"""
     try:
         return mirrors(batch)

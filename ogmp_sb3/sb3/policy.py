@@ -57,6 +57,16 @@ class Normaliser(BaseFeaturesExtractor):
         self.count.copy_(total)
 
 
+def fully_connected(inputs: int, layers: Sequence[int]) -> nn.Sequential:
+    """Layers with ELU.
+
+    :param inputs: length of an input
+    :param layers: units of each
+    """
+    sizes = pairwise([inputs, *layers])
+    return nn.Sequential(*(part for pair in sizes for part in (nn.Linear(*pair), nn.ELU())))
+
+
 class LayeredLstm(nn.Module):
     """Fully connected layers with ELU, and an LSTM behind them; called as an ``nn.LSTM`` is.
 
@@ -69,8 +79,7 @@ class LayeredLstm(nn.Module):
     def __init__(self, inputs: int, layers: Sequence[int], hidden_size: int, num_layers: int) -> None:
         super().__init__()
         self.input_size, self.hidden_size, self.num_layers = inputs, hidden_size, num_layers
-        sizes = pairwise([inputs, *layers])
-        self.layers = nn.Sequential(*(part for pair in sizes for part in (nn.Linear(*pair), nn.ELU())))
+        self.layers = fully_connected(inputs, layers)
         self.lstm = nn.LSTM(layers[-1], hidden_size, num_layers)
 
     def forward(self, inputs: th.Tensor, states: LstmStates) -> tuple[th.Tensor, LstmStates]:
@@ -85,9 +94,19 @@ class LstmPolicy(RecurrentActorCriticPolicy):
     at episode starts, so a start can only be their first step: zeroing the initial state of those sequences and
     calling the LSTM once is exact.
 
-    :param input_layers: units of fully connected layers in front of the LSTMs of actor and critic, each its own; the
-        other parameters are those of ``MlpLstmPolicy``
+    :param input_layers: units of fully connected layers in front of the LSTMs of actor and critic, each its own
+    :param critic_layers: units of the fully connected layers of a critic without memory, which takes
+        ``enable_critic_lstm=False`` and no ``net_arch``; None: sb3-contrib's critic
+    :param critic_inputs: how many values the critic sees beside the observation, behind it; only
+        :class:`~ogmp_sb3.sb3.recurrent_ppo.RecurrentPPO` shows them. The other parameters are those of
+        ``MlpLstmPolicy``
+    :raises ValueError: if these do not go together
     """
+
+    # sb3-contrib declares these narrower than they are here.
+    lstm_actor: Any
+    lstm_critic: Any
+    critic: Any
 
     def __init__(
         self,
@@ -96,16 +115,36 @@ class LstmPolicy(RecurrentActorCriticPolicy):
         lr_schedule: Schedule,
         *args: Any,
         input_layers: Sequence[int] = (),
+        critic_layers: Sequence[int] | None = None,
+        critic_inputs: int = 0,
         **kwargs: Any,
     ) -> None:
         super().__init__(observation_space, action_space, lr_schedule, *args, **kwargs)
-        self.input_layers = tuple(input_layers)
+        self.input_layers, self.critic_inputs = tuple(input_layers), critic_inputs
+        self.critic_layers = None if critic_layers is None else tuple(critic_layers)
+        seen_by_critic = self.features_dim + critic_inputs
         if input_layers:
-            hidden, layers = self.lstm_actor.hidden_size, self.lstm_actor.num_layers
-            for name in ("lstm_actor", *(["lstm_critic"] if self.lstm_critic is not None else [])):
-                setattr(self, name, LayeredLstm(self.features_dim, input_layers, hidden, layers))
+            self.lstm_actor = self._memory(self.features_dim)
+        if self.critic_layers is not None:
+            if self.critic is None or self.net_arch:
+                raise ValueError("'critic_layers' needs enable_critic_lstm=False, no shared LSTM and no 'net_arch'.")
+            self.critic = fully_connected(seen_by_critic, self.critic_layers)
+            self.value_net = nn.Linear(self.critic_layers[-1], 1)
+        elif self.lstm_critic is not None:
+            if input_layers or critic_inputs:
+                self.lstm_critic = self._memory(seen_by_critic)
+        elif critic_inputs:
+            raise ValueError("'critic_inputs' needs 'critic_layers', or a critic with an LSTM of its own.")
+        if input_layers or critic_inputs or self.critic_layers is not None:
             optimizer: Any = self.optimizer_class
             self.optimizer = optimizer(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def _memory(self, inputs: int) -> nn.Module:
+        """An LSTM of the policy's size, with the layers in front of it."""
+        hidden, layers = self.lstm_actor.hidden_size, self.lstm_actor.num_layers
+        if self.input_layers:
+            return LayeredLstm(inputs, self.input_layers, hidden, layers)
+        return nn.LSTM(inputs, hidden, layers, **self.lstm_kwargs)
 
     @staticmethod
     def _process_sequence(  # type: ignore[override]
@@ -133,18 +172,24 @@ def policy_kwargs(
     n_lstm_layers: int,
     log_std_init: float = 0.0,
     input_layers: Sequence[int] = (),
+    critic_layers: Sequence[int] | None = None,
+    critic_inputs: int = 0,
 ) -> dict[str, Any]:
     """LSTMs for actor and critic behind a normaliser, as in the paper, and layers between them if wanted.
 
     :param scale: typical sizes of the observation's components
     :param input_layers: units of each
+    :param critic_layers: units of each layer of a critic without memory; None: the critic is an LSTM, as the actor
+    :param critic_inputs: how many values the critic sees beside the observation
     """
     return {
         "net_arch": [],
         **({"input_layers": tuple(input_layers)} if input_layers else {}),  # sb3-contrib's policy has none
         "lstm_hidden_size": lstm_hidden_size,
         "n_lstm_layers": n_lstm_layers,
-        "enable_critic_lstm": True,
+        "enable_critic_lstm": critic_layers is None,
+        **({} if critic_layers is None else {"critic_layers": tuple(critic_layers)}),
+        **({"critic_inputs": critic_inputs} if critic_inputs else {}),
         "log_std_init": log_std_init,
         "optimizer_kwargs": {"eps": 1e-5, "fused": True},  # SB3's epsilon; fused is the same in fewer calls
         "features_extractor_class": Normaliser,

@@ -19,7 +19,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 
-from ogmp_sb3.env.mirror import Mirror
+from ogmp_sb3.env.mirror import Mirrors
 from ogmp_sb3.sb3.finite_updates import undone_unless_finite
 from ogmp_sb3.sb3.policy import LstmPolicy, LstmStates, Normaliser
 from ogmp_sb3.sb3.sequence_buffer import Minibatch, SequenceBuffer, lstm_outputs
@@ -31,18 +31,23 @@ class RecurrentPPO(StockRecurrentPPO):
     """Drop-in for ``sb3_contrib.RecurrentPPO``: same constructor, ``learn``, ``predict``, ``save`` and ``load``.
 
     ``policy="MlpLstmPolicy"`` names :class:`LstmPolicy`. A :class:`Normaliser` as features extractor is updated
-    after every rollout. Actor and critic are updated side by side in two threads. Policies with a shared or no
-    critic LSTM, dictionary observations or trainable features extractors train as in sb3-contrib. An update with a
-    loss, gradient, weight or standard deviation that is not finite is undone, with a warning.
+    after every rollout. Actor and critic are updated side by side in two threads. Policies with a shared LSTM,
+    dictionary observations or trainable features extractors train as in sb3-contrib. An update with a loss, gradient,
+    weight or standard deviation that is not finite is undone, with a warning.
+
+    A critic with ``critic_inputs`` also sees what the environments say in their attribute ``critic_observation``, and
+    in ``infos[i]["terminal_critic_observation"]``.
 
     :param chunk_length: None: sequences, minibatches and gradients of sb3-contrib; a number: the rollout is cut into
         chunks of that many steps (truncated back-propagation from the stored state), shuffled in every epoch
     :param learning_rate_half_life: samples over which the learning rate halves; None: as in sb3-contrib
     :param learn_noise: whether the exploration noise is learned; False: it stays as it begins
-    :param mirrors: the mirror images of an observation and of an action, for a policy that is left-right symmetric
+    :param critic_max_grad_norm: the critic's gradients are clipped to this norm, and ``max_grad_norm`` is the actor's
+        alone; None: they are clipped together, as in sb3-contrib
+    :param mirrors: the mirror images of observations and actions, for a policy that is left-right symmetric
         (:mod:`ogmp_sb3.sb3.symmetry`); None: it need not be
     :param asymmetric_noise: with ``mirrors``, see :class:`~ogmp_sb3.sb3.symmetry.SymmetricNoise`
-    :raises ValueError: if a policy of this kind cannot be symmetric
+    :raises ValueError: if a policy of this kind cannot be symmetric, or its critic cannot see more
     """
 
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
@@ -65,12 +70,14 @@ class RecurrentPPO(StockRecurrentPPO):
         chunk_length: int | None = None,
         learning_rate_half_life: int | None = None,
         learn_noise: bool = True,
-        mirrors: tuple[Mirror, Mirror] | None = None,
+        critic_max_grad_norm: float | None = None,
+        mirrors: Mirrors | None = None,
         asymmetric_noise: float = 1.0,
         **kwargs: Any,
     ) -> None:
         self.chunk_length, self.mirrors, self.asymmetric_noise = chunk_length, mirrors, asymmetric_noise
         self.learning_rate_half_life, self.learn_noise = learning_rate_half_life, learn_noise
+        self.critic_max_grad_norm = critic_max_grad_norm
         self.undone_updates = self.undone_in_a_row = 0  # because something was not finite
         super().__init__(*args, **kwargs)
 
@@ -90,18 +97,20 @@ class RecurrentPPO(StockRecurrentPPO):
             self.policy.log_std.requires_grad_(False)
         self._fast = (
             isinstance(self.policy, LstmPolicy)
-            and self.policy.lstm_critic is not None
+            and not self.policy.shared_lstm
             and isinstance(self.observation_space, spaces.Box)
             and not self.use_sde
             and not any(p.requires_grad for p in self.policy.features_extractor.parameters())
         )
+        self._critic_inputs = getattr(self.policy, "critic_inputs", 0)
+        for name, given in (("mirrors", self.mirrors is not None), ("critic_inputs", self._critic_inputs)):
+            if given and not self._fast:
+                raise ValueError(f"'{name}' needs an LstmPolicy whose actor and critic share nothing.")
         self._symmetry: Symmetry | None = None
         if self.mirrors is not None:
-            if not self._fast:
-                raise ValueError("'mirrors' needs a policy with LSTMs of their own for actor and critic.")
-            self._symmetry = Symmetry(self.policy, *self.mirrors)
+            self._symmetry = Symmetry(self.policy, self.mirrors)
             self._symmetry.symmetrise_weights()
-            self.policy.action_dist = SymmetricNoise(self.mirrors[1], self.asymmetric_noise)
+            self.policy.action_dist = SymmetricNoise(self.mirrors.action, self.asymmetric_noise)
         if self._fast:
             self.rollout_buffer = SequenceBuffer(
                 self.n_steps,
@@ -142,10 +151,11 @@ class RecurrentPPO(StockRecurrentPPO):
 
         for _ in range(n_rollout_steps):
             starts = th.as_tensor(self._last_episode_starts, dtype=th.float32, device=self.device)
-            features = self._features(self._last_obs)
-            critic = pool.submit(self._values, features, lstm_states.vf, starts) if pool else None
+            features, unseen = self._features(self._last_obs), self._critic_observation(env)
+            seen = th.cat([features, unseen], dim=1)
+            critic = pool.submit(self._values, seen, lstm_states.vf, starts) if pool else None
             sampled, log_probs, actor_states = self._act(features, lstm_states.pi, starts)
-            values, critic_states = critic.result() if critic else self._values(features, lstm_states.vf, starts)
+            values, critic_states = critic.result() if critic else self._values(seen, lstm_states.vf, starts)
             lstm_states = RNNStates(actor_states, critic_states)
             actions = sampled.cpu().numpy()
             clipped = actions
@@ -160,7 +170,7 @@ class RecurrentPPO(StockRecurrentPPO):
             if isinstance(self.action_space, spaces.Discrete):
                 actions = actions.reshape(-1, 1)
             self._bootstrap_time_outs(rewards, dones, infos, lstm_states)
-            rollout_buffer.save_states(self._last_lstm_states)
+            rollout_buffer.save(self._last_lstm_states, unseen)
             rollout_buffer.add(
                 self._last_obs,
                 actions,
@@ -172,7 +182,8 @@ class RecurrentPPO(StockRecurrentPPO):
             self._last_obs, self._last_episode_starts, self._last_lstm_states = new_obs, dones, lstm_states
 
         starts = th.as_tensor(dones, dtype=th.float32, device=self.device)
-        values, _ = self._values(self._features(new_obs), lstm_states.vf, starts)
+        seen = th.cat([self._features(new_obs), self._critic_observation(env)], dim=1)
+        values, _ = self._values(seen, lstm_states.vf, starts)
         rollout_buffer.compute_returns_and_advantage(last_values=values, dones=dones)
         callback.on_rollout_end()
         return True
@@ -180,6 +191,12 @@ class RecurrentPPO(StockRecurrentPPO):
     @th.inference_mode()
     def _features(self, observation: Any) -> Any:
         return self.policy.extract_features(th.as_tensor(observation, device=self.device))
+
+    def _critic_observation(self, env: VecEnv) -> th.Tensor:
+        """What only the critic sees of the environments, shape (num_envs, critic_inputs)."""
+        if not self._critic_inputs:
+            return th.zeros((env.num_envs, 0), device=self.device)
+        return th.as_tensor(env.get_attr("critic_observation", 0)[0], device=self.device)
 
     @th.inference_mode()
     def _act(
@@ -194,9 +211,15 @@ class RecurrentPPO(StockRecurrentPPO):
 
     @th.inference_mode()
     def _values(self, features: th.Tensor, states: LstmStates, starts: th.Tensor) -> tuple[th.Tensor, LstmStates]:
-        """Values, and the critic's next states."""
+        """Values, and the critic's next states.
+
+        :param features: of all that the critic sees, shape (num_envs, size)
+        """
         policy = self.policy
-        latent, states = policy._process_sequence(features, states, starts, policy.lstm_critic)
+        if policy.lstm_critic is None:
+            latent = policy.critic(features)
+        else:
+            latent, states = policy._process_sequence(features, states, starts, policy.lstm_critic)
         return policy.value_net(policy.mlp_extractor.forward_critic(latent)), states
 
     def _bootstrap_time_outs(
@@ -210,6 +233,9 @@ class RecurrentPPO(StockRecurrentPPO):
         if not rows:
             return
         terminal = self._features(np.stack([infos[i]["terminal_observation"] for i in rows]))
+        if self._critic_inputs:
+            unseen = np.stack([infos[i]["terminal_critic_observation"] for i in rows])
+            terminal = th.cat([terminal, th.as_tensor(unseen, device=self.device)], dim=1)
         states = lstm_states.vf[0][:, rows].contiguous(), lstm_states.vf[1][:, rows].contiguous()
         values, _ = self._values(terminal, states, th.zeros(len(rows), device=self.device))
         rewards[rows] += self.gamma * values.flatten().cpu().numpy()
@@ -239,34 +265,42 @@ class RecurrentPPO(StockRecurrentPPO):
         buffer.freeze()
         with th.no_grad():
             features: Any = policy.extract_features(buffer.flat["observations"])
+            seen = th.cat([features, buffer.flat["critic_observations"]], dim=1)
         logs: list[dict[str, th.Tensor]] = []
         side_by_side = th.get_num_threads() > 1 and self.device.type == "cpu"
         each = max(1, th.get_num_threads() // 2) if side_by_side else th.get_num_threads()
         with torch_threads(each), ThreadPoolExecutor(1, initializer=th.set_num_threads, initargs=(each,)) as pool:
             for _ in range(self.n_epochs):
-                go_on = self._train_epoch(features, clip_range, pool if side_by_side else None, logs)
+                go_on = self._train_epoch(features, seen, clip_range, pool if side_by_side else None, logs)
                 self._n_updates += 1
                 if not go_on:
                     break
         self._log_update(logs, clip_range)
 
     def _train_epoch(
-        self, features: th.Tensor, clip_range: float, pool: Executor | None, logs: list[dict[str, th.Tensor]]
+        self,
+        features: th.Tensor,
+        seen: th.Tensor,
+        clip_range: float,
+        pool: Executor | None,
+        logs: list[dict[str, th.Tensor]],
     ) -> bool:
         """One pass over the rollout; False if the KL divergence stopped it. What is not finite raises.
 
+        :param features: of all that the actor sees
+        :param seen: of all that the critic sees
         :param pool: where to update the critic meanwhile; None: here
         """
         policy, buffer = self.policy, self.rollout_buffer
         assert isinstance(buffer, SequenceBuffer)
         for batch in buffer.minibatches(self.batch_size):
             policy.optimizer.zero_grad()
-            critic = pool.submit(self._critic_gradients, batch, features) if pool else None
+            critic = pool.submit(self._critic_gradients, batch, seen) if pool else None
             log, kl = self._actor_gradients(batch, features, clip_range)
-            value_loss = critic.result() if critic else self._critic_gradients(batch, features)
+            value_loss = critic.result() if critic else self._critic_gradients(batch, seen)
             if self._symmetry is not None:
                 self._symmetry.symmetrise_gradients()
-            norm = th.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+            norm = self._clip_gradients()
             if not th.isfinite(th.stack([norm, log["policy_gradient_loss"], value_loss])).all():
                 losses = f"policy loss {log['policy_gradient_loss']:g}, value loss {value_loss:g}"
                 raise FloatingPointError(f"a loss or a gradient is not finite ({losses}, gradient {norm:g}).")
@@ -275,6 +309,15 @@ class RecurrentPPO(StockRecurrentPPO):
                 return False
             policy.optimizer.step()
         return True
+
+    def _clip_gradients(self) -> th.Tensor:
+        """Clip the gradients; returns the norm that they had."""
+        clip, named = th.nn.utils.clip_grad_norm_, list(self.policy.named_parameters())
+        if self.critic_max_grad_norm is None:
+            return clip([weight for _, weight in named], self.max_grad_norm)
+        critic = [weight for name, weight in named if "critic" in name or "value_net" in name]
+        actor = [weight for name, weight in named if not ("critic" in name or "value_net" in name)]
+        return th.hypot(clip(actor, self.max_grad_norm), clip(critic, self.critic_max_grad_norm))
 
     def _actor_gradients(
         self, batch: Minibatch, features: th.Tensor, clip_range: float
@@ -311,7 +354,10 @@ class RecurrentPPO(StockRecurrentPPO):
     def _critic_gradients(self, batch: Minibatch, features: th.Tensor) -> th.Tensor:
         """Add the gradients of the value loss, which is returned."""
         policy, data = self.policy, self.rollout_buffer.flat
-        latent = lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)
+        if policy.lstm_critic is None:
+            latent = policy.critic(features[batch.order])
+        else:
+            latent = lstm_outputs(policy.lstm_critic, batch, features, self.rollout_buffer.critic_states)
         values = policy.value_net(policy.mlp_extractor.forward_critic(latent)).flatten()
         if self.clip_range_vf is not None:
             limit = self.clip_range_vf(self._current_progress_remaining)

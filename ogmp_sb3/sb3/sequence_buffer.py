@@ -57,11 +57,17 @@ class SequenceBuffer(RolloutBuffer):
     def reset(self) -> None:
         super().reset()
         self.states: list[RNNStates] = []
+        self.critic_observations: list[th.Tensor] = []
 
-    def save_states(self, states: RNNStates) -> None:
-        """Keep the LSTM states in front of the step that is added next, if a sequence can begin there."""
+    def save(self, states: RNNStates, critic_observation: th.Tensor) -> None:
+        """Keep what goes with the step that is added next.
+
+        :param states: of the LSTMs in front of it, which are kept if a sequence can begin there
+        :param critic_observation: what only the critic sees, shape (num_envs, size)
+        """
         if self.chunk_length is None or self.pos % self.chunk_length == 0:
             self.states.append(states)
+        self.critic_observations.append(critic_observation)
 
     def freeze(self) -> None:
         """Make the full rollout ready for :meth:`minibatches`: flat tensors, env-major."""
@@ -70,6 +76,7 @@ class SequenceBuffer(RolloutBuffer):
             name: th.as_tensor(_flatten(getattr(self, name)), device=self.device)
             for name in ("observations", "actions", "values", "log_probs", "advantages", "returns")
         }
+        self.flat["critic_observations"] = th.stack(self.critic_observations, dim=1).flatten(0, 1)
         self.actor_states = _stack_states([s.pi for s in self.states])
         self.critic_states = _stack_states([s.vf for s in self.states])
 

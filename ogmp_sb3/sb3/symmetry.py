@@ -16,29 +16,29 @@ import numpy as np
 import torch as th
 from stable_baselines3.common.distributions import DiagGaussianDistribution
 
-from ogmp_sb3.env.mirror import Mirror
+from ogmp_sb3.env.mirror import Mirror, Mirrors
 
 GATES = 4  # of an LSTM, one behind the other in the rows of its weights
 LAYERS = ".layers."  # of a LayeredLstm
+CRITIC = "critic."  # one without memory
 
 
 class Symmetry:
     """Keeps the weights of a policy their own mirror image.
 
     :param policy: of actor and critic LSTMs, and linear layers behind them
-    :param observation: the mirror image of an observation
-    :param action: the mirror image of an action
+    :param mirrors: the mirror images of observations and actions
     :raises ValueError: if a layer has an odd number of units
     """
 
-    def __init__(self, policy: Any, observation: Mirror, action: Mirror) -> None:
-        self._observation = observation
+    def __init__(self, policy: Any, mirrors: Mirrors) -> None:
+        self._observation = mirrors.observation
         named = dict(policy.named_parameters())
-        first = f"{LAYERS}0.weight" if any(LAYERS in name for name in named) else "weight_ih_l0"
+        first = (f"{LAYERS}0.weight" if any(LAYERS in name for name in named) else "weight_ih_l0", f"{CRITIC}0.weight")
         self._images = []
         for name, weight in named.items():
-            inputs = observation if name.endswith(first) else None
-            source, sign = _image_of_weight(name, tuple(weight.shape), inputs, action)
+            inputs = None if not name.endswith(first) else mirrors.critic if "critic" in name else mirrors.observation
+            source, sign = _image_of_weight(name, tuple(weight.shape), inputs, mirrors.action)
             self._images.append((weight, source.to(weight.device), sign.to(weight.device)))
 
     @th.no_grad()

@@ -29,7 +29,8 @@ class OgmpVecEnv(Copied, VecEnv):
 
     ``infos[i]`` holds ``deviation`` (the weighted norm that the bound is about) and ``termination`` (the rule that
     ended the episode, empty while it runs); at the end of an episode also ``terminal_observation``,
-    ``TimeLimit.truncated`` and ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
+    ``terminal_critic_observation`` if the task has ``critic_observations``, ``TimeLimit.truncated`` and ``episode``
+    with return ``r``, length ``l``, ``distance`` along the track, curriculum
     ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
     before an earlier fall is called ``restart`` instead. A simulation that fails ends its own episode as
     ``unstable``, with the :class:`~ogmp_sb3.env.failed_step.UnstableStep` in ``unstable``; the others go on.
@@ -85,9 +86,11 @@ class OgmpVecEnv(Copied, VecEnv):
         observation = result.observation
         rows = np.flatnonzero(dones)
         if len(rows):
-            x = self._x()
-            for row in rows:
+            x, unseen = self._x(), self.batch.critic_observation(rows)
+            for row, critic_observation in zip(rows, unseen, strict=True):
                 infos[row]["terminal_observation"] = observation[row].copy()
+                if critic_observation.size:
+                    infos[row]["terminal_critic_observation"] = critic_observation
                 infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
                 kind = "restart" if self.batch.restarted[row] else "episode"
                 infos[row][kind] = self._summary(int(row), float(x[row]))
@@ -100,6 +103,11 @@ class OgmpVecEnv(Copied, VecEnv):
             self._pictures.forget(rows)
             self._start_x[rows] = self._x()[rows]
         return observation, result.reward.astype(np.float32), dones, infos
+
+    @property
+    def critic_observation(self) -> np.ndarray:
+        """What only the critic sees at present, shape (num_envs, size): ``critic_observations`` of the task."""
+        return self.batch.critic_observation()
 
     def _x(self) -> np.ndarray:
         # Finite also after an explosion.

@@ -31,8 +31,21 @@ def test_bound_weights_follow_the_state_names() -> None:
     assert dict(zip(STATE_NAMES, weights, strict=True)) == dict.fromkeys(STATE_NAMES, 0.0) | {"x": 2.0, "vz": 3.0}
 
 
+def test_policy_and_critic_observe_the_same_latent() -> None:
+    both = {"critic_observations": {"mode_latent": {}, "reference_error": {}}}
+    task = load_task("parkour", {**both, "observations": {"mode_latent": None, "clock": None}})
+    assert task.uses_latent and not task.latent_of_both_sides
+    assert list(task.observed) == ["mode_latent", "reference_error", "proprioception", "height_scan"]
+    with pytest.raises(ValueError, match="'mode_latent' must be the same in 'observations' and 'critic_observations'"):
+        load_task("parkour", {**both, "observations.mode_latent.both_sides": True})
+    with pytest.raises(KeyError, match="Did you mean 'reference_error'"):
+        load_task("parkour", {"critic_observations": {"reference_eror": {}}})
+
+
 def test_the_test_protocol_has_no_bound_no_floor_and_no_curriculum() -> None:
-    task = load_task("parkour", {"evaluation.terminations.off_track": {}}).for_evaluation()
+    unusual = {"evaluation.terminations.off_track": {}, "critic_observations": {"reference_error": {}}}
+    task = load_task("parkour", unusual).for_evaluation()
+    assert not task.critic_observations
     assert (task.rho, task.min_step_reward, task.curriculum) == (None, None, None)
     assert (task.episode_steps, task.track.length) == (400, 10.0)
     assert list(task.terminations) == ["fall", "off_track"]

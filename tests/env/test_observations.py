@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.views import make_view
-from ogmp_sb3.env.observations import DEEPEST, clock, height_scan, proprioception
+from ogmp_sb3.env.observations import DEEPEST, clock, height_scan, proprioception, reference_error
 from ogmp_sb3.guidance.terrain import NOTHING, empty_terrain
 
 HEIGHT, QUAT, JOINTS, LINVEL, ANGVEL, RATES = (
@@ -143,3 +143,19 @@ def test_every_term_gives_a_value_and_a_scale_for_each_component(term: object, s
     assert signal.value.shape == (4, size)
     assert signal.scale.shape == (size,)
     assert (signal.scale > 0).all()
+
+
+def test_the_reference_error_is_a_rotation_vector_and_differences_and_nothing_on_the_reference() -> None:
+    rng = np.random.default_rng(4)
+    reference, turn = (
+        rng.normal(size=(3, 12)),
+        Rotation.from_rotvec([[0.0, 0.0, 3.0], [0.2, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+    )
+    base = Rotation.random(3, random_state=5)
+    state = reference + 0.1
+    state[2] = reference[2]
+    view = make_view(3, state=state, reference=reference, reference_quat=wxyz(base), base_quat=wxyz(base * turn))
+    error = reference_error(view).value
+    np.testing.assert_allclose(error[:, :3], turn.as_rotvec(), atol=1e-9)
+    np.testing.assert_allclose(error[:2, 3:], 0.1)
+    np.testing.assert_allclose(error[2], 0.0, atol=1e-9)

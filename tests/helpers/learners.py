@@ -34,7 +34,9 @@ def policy_info() -> dict[str, Any]:
 def learner(seed: int = 0, hidden: int = 8, envs: int = ENVS, **changes: Any) -> tuple[RecurrentPPO, BaseCallback]:
     """A learner before its first rollout, and a callback that does nothing."""
     env = OgmpVecEnv(task_from_data(task_data(**changes), PATH), envs, seed, threads=1)
-    kwargs = policy_kwargs(env.batch.observation_scale, lstm_hidden_size=hidden, n_lstm_layers=1)
+    seen_by_critic = env.critic_observation.shape[1]
+    scale = env.batch.observation_scale
+    kwargs = policy_kwargs(scale, lstm_hidden_size=hidden, n_lstm_layers=1, critic_inputs=seen_by_critic)
     settings: dict[str, Any] = {"n_steps": STEPS, "batch_size": ROLLOUT, "n_epochs": 1, "seed": seed}
     model = RecurrentPPO("MlpLstmPolicy", env, device="cpu", policy_kwargs=kwargs, **settings)
     _, callback = model._setup_learn(10**6)

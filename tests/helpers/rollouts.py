@@ -14,7 +14,7 @@ NETWORK = {"net_arch": [], "lstm_hidden_size": 16, "n_lstm_layers": 2}
 
 def rollout(env, **settings) -> RecurrentPPO:
     """A learner with a full rollout and random weights, just before its update."""
-    model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **{**SETTINGS, **settings})
+    model = RecurrentPPO("MlpLstmPolicy", env, **{"policy_kwargs": NETWORK, **SETTINGS, **settings})
     _, callback = model._setup_learn(10**6)
     model.set_logger(Logger(None, []))
     model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
@@ -22,9 +22,12 @@ def rollout(env, **settings) -> RecurrentPPO:
     return model
 
 
-def stock_twin(model: RecurrentPPO, env) -> StockRecurrentPPO:
-    """Stock with the same weights and the same rollout."""
-    stock = StockRecurrentPPO("MlpLstmPolicy", env, policy_kwargs=NETWORK, **SETTINGS)
+def stock_twin(model: RecurrentPPO, env, **network) -> StockRecurrentPPO:
+    """Stock with the same weights and the same rollout.
+
+    :param network: of the model, beside :data:`NETWORK`
+    """
+    stock = StockRecurrentPPO("MlpLstmPolicy", env, policy_kwargs={**NETWORK, **network}, **SETTINGS)
     stock.policy.load_state_dict(model.policy.state_dict())
     stock.set_logger(Logger(None, []))
     source, target = model.rollout_buffer, stock.rollout_buffer
@@ -50,6 +53,6 @@ def stock_twin(model: RecurrentPPO, env) -> StockRecurrentPPO:
     return stock
 
 
-def short_episodes():
+def short_episodes(**changes):
     """Environments whose episodes last nine steps at most."""
-    return make_env("parkour", num_envs=4, seed=1, episode_steps=9, curriculum=None)
+    return make_env("parkour", num_envs=4, seed=1, episode_steps=9, curriculum=None, **changes)

@@ -156,6 +156,7 @@ NETWORK = {"lstm_hidden_size": 8, "n_lstm_layers": 1}
         ({"kwargs": {**NETWORK, "lstm_hidden_size": 10**6}}, "'network' does not fit policy.safetensors"),
         ({"kwargs": {**NETWORK, "n_lstm_layers": 10**9}}, "'network' does not fit policy.safetensors"),
         ({"kwargs": {**NETWORK, "input_layers": [10**9]}}, "'network' does not fit policy.safetensors"),
+        ({"kwargs": {**NETWORK, "critic_layers": [7]}}, "'network' does not fit policy.safetensors"),
         ({"kwargs": {**NETWORK, "features_extractor_class": "os.system"}}, "is not a known key"),
         ({"versions": [1]}, "'versions' must be a mapping"),
         ({"num_timesteps": "many"}, "'num_timesteps' must be a whole number"),

@@ -30,9 +30,12 @@ def copied(tensors: dict[str, th.Tensor]) -> dict[str, th.Tensor]:
     return {name: tensor.clone() for name, tensor in tensors.items()}
 
 
-def test_a_fresh_learner_goes_on_as_the_one_that_was_saved(taken) -> None:
-    model, callback, tensors, plain = taken
-    other, other_callback = learner(seed=5)
+@pytest.mark.parametrize("critic", [{}, {"reference_error": {}}])
+def test_a_fresh_learner_goes_on_as_the_one_that_was_saved(critic: dict[str, dict[str, float]]) -> None:
+    model, callback = learner(critic_observations=critic)
+    update(model, callback, 2)
+    tensors, plain = copied(state(model)[0]), copy.deepcopy(state(model)[1])
+    other, other_callback = learner(seed=5, critic_observations=critic)
     weights = copy.deepcopy(model.policy.state_dict())
     set_state(model, copied(tensors), plain)  # both from the same moment: the generators are the process's own
     update(model, callback)

@@ -156,9 +156,14 @@ def test_every_fault_of_an_update_gives_the_last_good_weights_back(fault: str, e
 
 
 def test_stock_training_is_guarded_too() -> None:
-    """Networks that train as in sb3-contrib: here, a critic without an LSTM of its own."""
+    """Networks that train as in sb3-contrib: here, a critic behind the actor's LSTM."""
     env = make_env("parkour", ENVS, seed=1, rho=0.15)
-    network = {"lstm_hidden_size": 8, "enable_critic_lstm": False, "features_extractor_class": Normaliser}
+    network = {
+        "lstm_hidden_size": 8,
+        "enable_critic_lstm": False,
+        "shared_lstm": True,
+        "features_extractor_class": Normaliser,
+    }
     model = RecurrentPPO("MlpLstmPolicy", env, n_steps=STEPS, batch_size=32, n_epochs=1, policy_kwargs=network)
     assert not model._fast
     _, callback = model._setup_learn(10**6)

@@ -12,43 +12,51 @@ from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.symmetry import SymmetricNoise
 
-SIZES = [((), 2), ((24,), 1), ((24, 16), 1)]
+SIZES = [((), 2, None), ((24,), 1, None), ((24, 16), 1, None), ((24,), 1, (16, 12))]
 
 
 @pytest.fixture(scope="module")
 def env():
-    return make_env("parkour", num_envs=4, seed=1, episode_steps=9, **{"observations.mode_latent.both_sides": True})
+    seen = {"observations.mode_latent.both_sides": True, "critic_observations": {"reference_error": {}}}
+    return make_env("parkour", num_envs=4, seed=1, episode_steps=9, **seen)
 
 
-def trained(env, layers: tuple[int, ...], lstm_layers: int) -> RecurrentPPO:
+def trained(env, layers: tuple[int, ...], lstm_layers: int, critic: tuple[int, ...] | None = None) -> RecurrentPPO:
     model = make_model(
         env, symmetry=True, input_layers=list(layers), n_lstm_layers=lstm_layers, lstm_hidden_size=16, n_steps=24,
-        batch_size=48, learning_rate=1e-2,
+        batch_size=48, learning_rate=1e-2, critic_layers=critic,
     )  # fmt: skip
     model.learn(4 * 24 * 3)
     return model
 
 
-def answers(model: RecurrentPPO, observation: np.ndarray, states: tuple[th.Tensor, th.Tensor]):
-    """Mean actions, values, and the next memory of actor and critic."""
-    policy = model.policy
-    features = policy.extract_features(th.as_tensor(observation, dtype=th.float32))
-    starts = th.zeros(len(observation))
+def answers(model: RecurrentPPO, seen: np.ndarray, states: tuple[th.Tensor, th.Tensor]):
+    """Mean actions, values, and the next memory of the actor.
+
+    :param seen: the observation, and what only the critic sees behind it
+    """
+    policy, seen = model.policy, th.as_tensor(seen, dtype=th.float32)
+    features, starts = policy.extract_features(seen[:, :-12]), th.zeros(len(seen))
     with th.no_grad():
         actor, actor_states = policy._process_sequence(features, states, starts, policy.lstm_actor)
-        critic, _ = policy._process_sequence(features, states, starts, policy.lstm_critic)
-        return policy.action_net(actor).numpy(), policy.value_net(critic).numpy(), actor_states
+        values, _ = model._values(th.cat([features, seen[:, -12:]], dim=1), states, starts)
+        return policy.action_net(actor).numpy(), values.numpy(), actor_states
 
 
-@pytest.mark.parametrize("layers, lstm_layers", SIZES)
-def test_a_trained_policy_answers_the_mirror_image_with_the_mirror_image(env, layers, lstm_layers: int) -> None:
-    model = trained(env, layers, lstm_layers)
-    observation, action = model.mirrors
-    rng, shape = np.random.default_rng(0), (lstm_layers, 5, 16)
-    seen = env.batch.observation_scale * rng.normal(size=(5, len(observation.sign)))
+def random_sight(env, rows: int, seed: int = 0) -> np.ndarray:
+    """Random observations, and what only the critic sees behind them."""
+    scale = np.concatenate([env.batch.observation_scale, np.ones(12)])
+    return scale * np.random.default_rng(seed).normal(size=(rows, len(scale)))
+
+
+@pytest.mark.parametrize("layers, lstm_layers, critic", SIZES)
+def test_a_trained_policy_answers_the_mirror_image_with_the_mirror_image(env, layers, lstm_layers: int, critic) -> None:
+    model = trained(env, layers, lstm_layers, critic)
+    _, action, sight = model.mirrors
+    rng, shape, seen = np.random.default_rng(1), (lstm_layers, 5, 16), random_sight(env, 5)
     states = th.as_tensor(rng.normal(size=shape)).float(), th.as_tensor(rng.normal(size=shape)).float()
     swapped = tuple(th.roll(state, 8, dims=2) for state in states)
-    one, other = answers(model, seen, states), answers(model, observation(seen), swapped)
+    one, other = answers(model, seen, states), answers(model, sight(seen), swapped)
     np.testing.assert_allclose(other[0], action(one[0]), atol=1e-5)
     np.testing.assert_allclose(other[1], one[1], atol=1e-5)
     for state, image in zip(one[2], other[2], strict=True):
@@ -58,7 +66,7 @@ def test_a_trained_policy_answers_the_mirror_image_with_the_mirror_image(env, la
 
 def test_the_gradient_is_that_of_the_rollout_and_of_its_mirror_image(env) -> None:
     model = trained(env, (24,), 1)
-    policy, (observation, action) = model.policy, model.mirrors
+    policy, (observation, action, _) = model.policy, model.mirrors
     rng = np.random.default_rng(1)
     seen = env.batch.observation_scale * rng.normal(size=(6, len(observation.sign)))
     wanted = rng.normal(size=(6, 10))
@@ -82,7 +90,7 @@ def test_the_gradient_is_that_of_the_rollout_and_of_its_mirror_image(env) -> Non
 
 def test_the_normaliser_learns_from_both_sides(env) -> None:
     model = trained(env, (), 1)
-    normaliser, (observation, _) = model.policy.features_extractor, model.mirrors
+    normaliser, observation = model.policy.features_extractor, model.mirrors.observation
     for statistics, image in ((normaliser.mean, observation), (normaliser.variance, abs)):
         values = statistics.numpy()
         mirrored = image(values) if image is observation else values[observation.source]
@@ -106,10 +114,9 @@ def test_a_saved_symmetric_learner_goes_on_symmetric(env, tmp_path) -> None:
     model.save(tmp_path / "model.zip")
     again = RecurrentPPO.load(tmp_path / "model.zip", env=env)
     again.learn(4 * 24)
-    observation, action = again.mirrors
-    rest = th.zeros(1, 5, 16), th.zeros(1, 5, 16)
-    seen = env.batch.observation_scale * np.random.default_rng(0).normal(size=(5, len(observation.sign)))
-    one, other = answers(again, seen, rest), answers(again, observation(seen), rest)
+    _, action, sight = again.mirrors
+    rest, seen = (th.zeros(1, 5, 16), th.zeros(1, 5, 16)), random_sight(env, 5)
+    one, other = answers(again, seen, rest), answers(again, sight(seen), rest)
     np.testing.assert_allclose(other[0], action(one[0]), atol=1e-5)
 
 
