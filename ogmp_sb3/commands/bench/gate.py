@@ -88,7 +88,7 @@ def learner_over_bare_lstm(num_envs: int = 32, repeats: int = 5) -> float:
 def training_over_bare_physics(num_envs: int = 32, repeats: int = 3) -> float:
     """A whole training by the default recipe, of an untrained policy, against bare physics of 2 ms."""
     task = load_task(TASK)
-    bare_task, training = at_bare_dt(task), Training(task, num_envs, threads=1)
+    bare_task, training = at_bare_dt(task), Training(task, num_envs, default_ppo(), threads=1)
     _, replay = bare_replay(bare_task, record(bare_task, num_envs, training.recipe.n_steps), threads=1)
     bare = chain.from_iterable(replay() for _ in count())
 

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from ogmp_sb3.commands.bench.timing import Numbers, median, seconds_of
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import playable
-from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
 from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy import LstmPolicy
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
@@ -24,9 +24,8 @@ from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 FASTEST_CHUNK = 16  # steps: the fastest chunks on two cores
 
 
-def bench_learner(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
+def bench_learner(task: TaskConfig, num_envs: int, repeats: int, recipe: PPOConfig) -> Numbers:
     """``train()`` on the same rollout: stock, ours with stock's gradients, ours with chunks."""
-    recipe = default_ppo()
     env = OgmpVecEnv(task, num_envs, seed=0)
     learners = {
         "stock": stock_learner(env, recipe),
@@ -78,7 +77,7 @@ def _prepare(model: StockRecurrentPPO, policy: LstmPolicy | None) -> None:
             model.policy.load_state_dict(policy.state_dict())
         except RuntimeError as error:
             reason = " ".join(str(error).split())[:200]
-            raise ValueError(f"the policy's networks do not fit the default recipe and this task ({reason}).") from None
+            raise ValueError(f"the policy's networks do not fit the recipe and this task ({reason}).") from None
     model.set_logger(Logger(None, []))
 
 

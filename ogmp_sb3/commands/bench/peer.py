@@ -15,7 +15,7 @@ from ogmp_sb3.commands.bench.learner import learner, update
 from ogmp_sb3.commands.bench.random_env import RandomEnv
 from ogmp_sb3.commands.bench.timing import Numbers, cpu_seconds_of, median
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
 from ogmp_sb3.sb3.threads import torch_threads
 
 ENDINGS = (0.05, 0.005)  # shares of the steps that end an episode: of early training, and of a good policy
@@ -30,8 +30,8 @@ def check_installed() -> None:
         raise ValueError(f"'peer=rsl_rl' needs rsl_rl 5 or later, found an older one: {INSTALL} --upgrade.")
 
 
-def bench_peer(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
-    """Update of the default recipe, ours and rsl_rl's: LSTMs, samples, epochs and minibatches of the same size.
+def bench_peer(task: TaskConfig, num_envs: int, repeats: int, recipe: PPOConfig) -> Numbers:
+    """Update by a recipe, ours and rsl_rl's: LSTMs, samples, epochs and minibatches of the same size.
 
     Observations, rewards and the ends of episodes are random and the same for both. Each has one thread, and what
     counts is CPU time.
@@ -39,7 +39,7 @@ def bench_peer(task: TaskConfig, num_envs: int, repeats: int) -> Numbers:
     :raises ValueError: if rsl_rl is missing, or cannot divide the environments among the minibatches
     """
     check_installed()
-    recipe = replace(default_ppo(), chunk_length=None, input_layers=(), symmetry=False)  # what both have
+    recipe = replace(recipe, chunk_length=None, input_layers=(), critic_layers=None, symmetry=False)  # what both have
     samples = recipe.n_steps * num_envs
     numbers: Numbers = {}
     with torch_threads(1):

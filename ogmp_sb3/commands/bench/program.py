@@ -22,15 +22,21 @@ from ogmp_sb3.commands.bench.simulation import bench_sim
 from ogmp_sb3.commands.bench.timing import Numbers
 from ogmp_sb3.commands.bench.training import bench_train
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
+from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.yaml_files import apply_overrides
 from ogmp_sb3.report.plots.evaluations import plot_throughput
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.settings import thread_count, versions
 from ogmp_sb3.runs.storage import save_json
+from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
 from ogmp_sb3.sb3.policy import LstmPolicy
 
 PROGRAM = "ogmp-bench"
+PPO = "ppo."
+TRAINS = ("learner", "train", "scaling")  # what follows a recipe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +102,7 @@ HELP = cli.usage(
         "ogmp-bench learner json=learner.json",
         "ogmp-bench learner peer=rsl_rl",
         "ogmp-bench train stock=false run=parkour",
+        "ogmp-bench train stock=false physics_dt=0.005 ppo.n_epochs=3",
         "ogmp-bench scaling",
         "ogmp-bench physics run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-bench gate baseline=benchmarks/gate.json",
@@ -106,7 +113,7 @@ HELP = cli.usage(
 
 def _run(arguments: list[str]) -> None:
     arguments = [a if "=" in a else f"what={a}" for a in arguments]
-    config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
+    config, overrides = cli.parse(BenchConfig, arguments, PROGRAM, (*cli.task_keys(TaskConfig), "ppo"))
     th.set_num_threads(thread_count("auto"))
     if config.what == "gate" and overrides:
         raise ValueError(f"the gate always measures the same task, found '{overrides[0]}'.")
@@ -155,8 +162,17 @@ def _print(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]
     cli.console().print(table)
 
 
-def _measured(config: BenchConfig, overrides: list[str]) -> tuple[Numbers, str]:
+def _recipe(overrides: list[str]) -> PPOConfig:
+    """The default recipe with some of its values replaced."""
+    return read(PPOConfig, apply_overrides(asdict(default_ppo()), overrides, PROGRAM), Where(PROGRAM, "ppo"))
+
+
+def _measured(config: BenchConfig, given: list[str]) -> tuple[Numbers, str]:
     """The numbers of a benchmark, and what they are of."""
+    overrides = [key for key in given if not key.startswith(PPO)]
+    if given != overrides and config.what not in TRAINS:
+        raise ValueError(f"keys of ppo are for {_listed(TRAINS)}, not for '{config.what}'.")
+    recipe = _recipe([key.removeprefix(PPO) for key in given if key.startswith(PPO)])
     policy: LstmPolicy | None = None
     if config.run:
         loaded = load_policy(config.run, config.trust, config.task, config.robot)
@@ -171,13 +187,14 @@ def _measured(config: BenchConfig, overrides: list[str]) -> tuple[Numbers, str]:
     if config.what == "sim":
         return bench_sim(task, config.num_envs, config.steps or 150, config.repeats), subject
     if config.what == "scaling":
-        return bench_scaling(task, config.num_envs, config.repeats, policy), subject
+        return bench_scaling(task, config.num_envs, config.repeats, recipe, policy), subject
     if config.what == "train":
-        return bench_train(task, config.num_envs, config.steps, config.repeats, policy, config.stock), subject
+        numbers = bench_train(task, config.num_envs, config.steps, config.repeats, recipe, policy, config.stock)
+        return numbers, subject
     if config.peer is not None:
-        numbers = bench_peer(task, config.num_envs, config.repeats)
+        numbers = bench_peer(task, config.num_envs, config.repeats, recipe)
         return numbers, f"shapes of {task.name}, CPU seconds of one thread"
-    return bench_learner(task, config.num_envs, config.repeats), subject
+    return bench_learner(task, config.num_envs, config.repeats, recipe), subject
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ from ogmp_sb3.commands.bench.timing import Numbers, median
 from ogmp_sb3.commands.bench.training import PARTS, Training, shares, trained_task
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.settings import thread_count
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
 from ogmp_sb3.sb3.policy import LstmPolicy
 
 CORES = (4, 8, 16, 32)
@@ -13,16 +14,19 @@ THREADED = ("physics", "inference", "learner")  # the environment around its phy
 NETWORKS = ("inference", "learner")  # parts whose two threads are actor and critic
 
 
-def bench_scaling(task: TaskConfig, num_envs: int, repeats: int, policy: LstmPolicy | None = None) -> Numbers:
+def bench_scaling(
+    task: TaskConfig, num_envs: int, repeats: int, recipe: PPOConfig, policy: LstmPolicy | None = None
+) -> Numbers:
     """Rates and shares of trainings with one and two threads, in turns, and what they let expect of more cores.
 
+    :param recipe: hyper-parameters
     :param policy: whose training goes on; None: an untrained one
     :raises ValueError: if this process may use one CPU only
     """
     if thread_count("auto") < 2:
         raise ValueError("'scaling' compares one thread with two, but this process may use one CPU only.")
     task = trained_task(task, policy)
-    trainings = {threads: Training(task, num_envs, policy, threads) for threads in (1, 2)}
+    trainings = {threads: Training(task, num_envs, recipe, policy, threads) for threads in (1, 2)}
     parts: dict[int, list[Numbers]] = {threads: [] for threads in trainings}
     for training in trainings.values():
         training.run(training.rollout)  # what is made once, is

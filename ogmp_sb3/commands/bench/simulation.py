@@ -144,7 +144,7 @@ def _shares(task: TaskConfig, recording: Recording) -> Numbers:
     batch, clock = cast(Any, env.batch), PartClock()
     batch.sim.step = clock.timed("physics", batch.sim.step)
     batch.guide.query = clock.timed("oracle", batch.guide.query)
-    batch._observe = clock.timed("observation", batch._observe)
+    batch.observer.policy = clock.timed("observation", batch.observer.policy)
     batch.reset = clock.timed("reset", batch.reset)
     for name, term in batch._rewards.items():
         batch._rewards[name] = clock.timed("reward", term)

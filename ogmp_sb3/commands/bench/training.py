@@ -16,7 +16,7 @@ from ogmp_sb3.commands.bench.simulation import bare_replay, record, stock_env
 from ogmp_sb3.commands.bench.timing import Numbers, PartClock, median, seconds_of
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.settings import thread_count
-from ogmp_sb3.sb3.hyperparameters import PPOConfig, default_ppo
+from ogmp_sb3.sb3.hyperparameters import PPOConfig
 from ogmp_sb3.sb3.policy import LstmPolicy
 from ogmp_sb3.sb3.threads import torch_threads
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
@@ -26,17 +26,20 @@ PARTS = ("physics", "environment", "inference", "learner")
 
 
 class Training:
-    """A training by the default recipe, whose parts have a clock.
+    """A training whose parts have a clock.
 
     :param task: the task
     :param num_envs: number of environments
+    :param recipe: hyper-parameters
     :param policy: whose weights to go on from; None: an untrained one
     :param threads: of physics and of the networks, 0 for one per CPU
     """
 
-    def __init__(self, task: TaskConfig, num_envs: int, policy: LstmPolicy | None = None, threads: int = 0) -> None:
+    def __init__(
+        self, task: TaskConfig, num_envs: int, recipe: PPOConfig, policy: LstmPolicy | None = None, threads: int = 0
+    ) -> None:
         self.threads = threads or thread_count("auto")
-        env, self.recipe = OgmpVecEnv(task, num_envs, seed=0, threads=threads), recipe_for(policy)
+        env, self.recipe = OgmpVecEnv(task, num_envs, seed=0, threads=threads), recipe_for(policy, recipe)
         self.model, self._clock = learner(env, self.recipe, policy), PartClock()
         self.rollout = self.recipe.n_steps * num_envs
         parts, model = cast(Any, env), cast(Any, self.model)
@@ -61,13 +64,17 @@ class Training:
         }
 
 
-def recipe_for(policy: LstmPolicy | None) -> PPOConfig:
-    """The default recipe, its networks as large as those of a policy that it goes on from."""
-    recipe = default_ppo()
+def recipe_for(policy: LstmPolicy | None, recipe: PPOConfig) -> PPOConfig:
+    """A recipe, its networks as large as those of a policy that it goes on from."""
     if policy is None:
         return recipe
-    lstm, layers = policy.lstm_actor, policy.input_layers
-    return replace(recipe, lstm_hidden_size=lstm.hidden_size, n_lstm_layers=lstm.num_layers, input_layers=layers)
+    return replace(
+        recipe,
+        lstm_hidden_size=policy.lstm_actor.hidden_size,
+        n_lstm_layers=policy.lstm_actor.num_layers,
+        input_layers=policy.input_layers,
+        critic_layers=policy.critic_layers,
+    )
 
 
 def trained_task(task: TaskConfig, policy: LstmPolicy | None) -> TaskConfig:
@@ -81,16 +88,23 @@ def at_bare_dt(task: TaskConfig) -> TaskConfig:
 
 
 def bench_train(
-    task: TaskConfig, num_envs: int, steps: int, repeats: int, policy: LstmPolicy | None = None, stock: bool = True
+    task: TaskConfig,
+    num_envs: int,
+    steps: int,
+    repeats: int,
+    recipe: PPOConfig,
+    policy: LstmPolicy | None = None,
+    stock: bool = True,
 ) -> Numbers:
-    """Whole training by the default recipe, against bare physics of 2 ms and against stock.
+    """Whole training, against bare physics of 2 ms and against stock.
 
     :param steps: samples of one repeat, in whole rollouts, at least one
+    :param recipe: hyper-parameters
     :param policy: whose training goes on; None: an untrained one
     :param stock: also measure sb3-contrib's RecurrentPPO on a SubprocVecEnv of the same environment, same settings
     """
     task = trained_task(task, policy)
-    training = Training(task, num_envs, policy)
+    training = Training(task, num_envs, recipe, policy)
     rollout = training.rollout
     samples = max(steps, rollout) // rollout * rollout
     bare_task = at_bare_dt(task)
@@ -111,7 +125,7 @@ def bench_train(
         "steps_that_end_an_episode": recording.endings,
     }
     if stock:
-        rate = _stock_rate(task, num_envs, policy)
+        rate = _stock_rate(task, num_envs, training.recipe, policy)
         numbers |= {"train_over_stock": median(ours) / rate, "stock_samples_per_second": rate}
     return {
         **numbers,
@@ -125,13 +139,13 @@ def shares(repeats: list[Numbers]) -> Numbers:
     return {f"share_{part}": median([one[part] / sum(one.values()) for one in repeats]) for part in PARTS}
 
 
-def _stock_rate(task: TaskConfig, num_envs: int, policy: LstmPolicy | None) -> float:
+def _stock_rate(task: TaskConfig, num_envs: int, recipe: PPOConfig, policy: LstmPolicy | None) -> float:
     """Samples/s of stock, in one rollout after another one.
 
     The networks have one thread: beside the processes of the environments, several wait for each other.
     """
     with torch_threads(1), closing(stock_env(SubprocVecEnv, task, num_envs)) as env:
-        model = stock_learner(env, recipe_for(policy), policy)
+        model = stock_learner(env, recipe, policy)
         rollout = model.n_steps * num_envs
         model.learn(rollout)
         return rollout / seconds_of(lambda: model.learn(rollout, reset_num_timesteps=False))

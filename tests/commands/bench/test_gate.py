@@ -67,7 +67,7 @@ def test_a_sleep_put_into_a_step_is_seen_though_it_takes_no_cpu(costs: Costs) ->
 
 def test_a_whole_training_against_physics_of_two_milliseconds(costs: Costs, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = replace(default_ppo(), n_steps=8, batch_size=16, n_epochs=1)
-    monkeypatch.setattr("ogmp_sb3.commands.bench.training.default_ppo", lambda: recipe)
+    monkeypatch.setattr(gate, "default_ppo", lambda: recipe)
     costs.charge(RecurrentPPO, "train", cpu=6.0)
     # Eight control steps of 1.25 s and an update of 6 s, against eight of physics alone.
     assert gate.training_over_bare_physics(num_envs=2, repeats=1) == pytest.approx(8 / 16)

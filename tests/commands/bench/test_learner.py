@@ -21,7 +21,7 @@ def test_learners_are_compared_on_the_same_full_rollouts(monkeypatch: pytest.Mon
     trained = []
     for kind in (StockRecurrentPPO, RecurrentPPO):
         monkeypatch.setattr(kind, "train", lambda learner: trained.append((type(learner), learner.rollout_buffer.full)))
-    numbers = bench.bench_learner(load_task("parkour"), num_envs=2, repeats=2)
+    numbers = bench.bench_learner(load_task("parkour"), num_envs=2, repeats=2, recipe=default_ppo())
     assert trained == [(StockRecurrentPPO, True), (RecurrentPPO, True), (RecurrentPPO, True)] * 2
     assert {"stock_samples_per_second", "exact_samples_per_second", "chunked_samples_per_second"} <= set(numbers)
 
@@ -42,7 +42,7 @@ def test_a_policy_that_does_not_fit_is_one_sentence() -> None:
     loaded = load_policy("parkour")
     task, policy = loaded.task, loaded.policy
     recipe = replace(default_ppo(), n_steps=8, batch_size=16, lstm_hidden_size=8)
-    with pytest.raises(ValueError, match=r"the policy's networks do not fit the default recipe and this task \("):
+    with pytest.raises(ValueError, match=r"the policy's networks do not fit the recipe and this task \("):
         learner.learner(RandomEnv(task, 2, endings=0.1), recipe, policy)
     blind = replace(task, observations={**task.observations, "height_scan": None})
     with pytest.raises(ValueError, match=r"the task shows \d+ numbers, but the policy observes"):

@@ -28,7 +28,7 @@ def test_a_missing_package_is_one_sentence(
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name if name in there else None)
     with pytest.raises(ValueError, match=sentence):
-        peer.bench_peer(load_task("parkour"), num_envs=4, repeats=1)
+        peer.bench_peer(load_task("parkour"), num_envs=4, repeats=1, recipe=RECIPE)
 
 
 @pytest.mark.skipif(not INSTALLED, reason="rsl_rl is not installed")

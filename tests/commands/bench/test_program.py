@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from helpers.programs import program
 from ogmp_sb3.commands.bench import program as bench
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 
 
 @pytest.mark.parametrize(
@@ -29,6 +31,15 @@ def test_what_a_benchmark_does_not_use_is_refused(what: Any, key: str, value: An
         bench.BenchConfig(what=what, **{key: value})
 
 
+def test_only_what_trains_takes_a_recipe_and_only_a_sound_one() -> None:
+    with pytest.raises(ValueError, match="keys of ppo are for 'learner', 'train' and 'scaling', not for 'sim'"):
+        bench._run(["sim", "ppo.n_epochs=2"])
+    with pytest.raises(KeyError, match="Did you mean 'n_epochs'"):
+        bench._run(["train", "ppo.n_epoch=2"])
+    with pytest.raises(ValueError, match="'gamma' must be at most 1, found 2"):
+        bench._run(["train", "ppo.gamma=2"])
+
+
 def test_the_gate_takes_no_overrides_and_makes_a_baseline_or_compares_with_one() -> None:
     with pytest.raises(ValueError, match="the gate always measures the same task, found 'modes"):
         bench._run(["gate", "modes.jump=null"])
@@ -42,8 +53,9 @@ def test_a_training_is_of_the_policy_that_is_named(
     given = []
     monkeypatch.setattr(bench, "bench_train", lambda *arguments: given.append(arguments) or {"samples_per_second": 1.0})
     bench._run(["train", "run=parkour", "rho=0.3", "stock=false", "repeats=2"])
-    bench._run(["train", "num_envs=8", "steps=100"])
-    (task, *numbers, policy, stock), (_, *others, no_policy, with_stock) = given
+    bench._run(["train", "num_envs=8", "steps=100", "ppo.n_epochs=2", "ppo.input_layers=[8]"])
+    (task, *numbers, recipe, policy, stock), (_, *others, changed, no_policy, with_stock) = given
+    assert recipe == default_ppo() and changed == replace(recipe, n_epochs=2, input_layers=(8,))
     assert task.rho == 0.3 and numbers == [64, 0, 2] and policy.lstm_actor.num_layers and not stock
     assert others == [8, 100, 5] and no_policy is None and with_stock
     titles = [line for line in capsys.readouterr().out.splitlines() if line.startswith("ogmp-bench")]

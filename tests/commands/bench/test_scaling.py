@@ -6,6 +6,7 @@ import pytest
 
 from ogmp_sb3.commands.bench import scaling
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.sb3.hyperparameters import default_ppo
 
 # Seconds of one sample with one thread and with two: physics shares its work out wholly, the environment not at all,
 # inference half of it, and the learner two thirds.
@@ -42,7 +43,7 @@ def test_an_environment_that_was_faster_beside_two_threads_by_chance_is_serial_a
 def test_one_cpu_is_too_few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scaling, "thread_count", lambda _: 1)
     with pytest.raises(ValueError, match="compares one thread with two, but this process may use one CPU only"):
-        scaling.bench_scaling(load_task("parkour"), num_envs=2, repeats=1)
+        scaling.bench_scaling(load_task("parkour"), num_envs=2, repeats=1, recipe=default_ppo())
 
 
 def test_trainings_with_one_and_two_threads_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,7 +52,7 @@ def test_trainings_with_one_and_two_threads_take_turns(monkeypatch: pytest.Monke
     class Training:
         rollout = 10
 
-        def __init__(self, task: object, num_envs: int, policy: object, threads: int) -> None:
+        def __init__(self, task: object, num_envs: int, recipe: object, policy: object, threads: int) -> None:
             self.threads = threads
 
         def run(self, samples: int) -> dict[str, float]:
@@ -60,7 +61,7 @@ def test_trainings_with_one_and_two_threads_take_turns(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(scaling, "thread_count", lambda _: 2)
     monkeypatch.setattr(scaling, "Training", Training)
-    numbers = scaling.bench_scaling(load_task("parkour"), num_envs=2, repeats=3)
+    numbers = scaling.bench_scaling(load_task("parkour"), num_envs=2, repeats=3, recipe=default_ppo())
     assert runs == [1, 2] * 4  # the first of each warms up
     assert numbers["samples_per_second_1_threads"] == pytest.approx(1 / 17)
     assert numbers["samples_per_second_2_threads"] == pytest.approx(1 / 10.5)

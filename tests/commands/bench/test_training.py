@@ -20,8 +20,7 @@ SMALL = replace(default_ppo(), n_steps=8, batch_size=16, n_epochs=1)
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rollouts of eight steps, and no thousand environments."""
-    monkeypatch.setattr(training, "default_ppo", lambda: SMALL)
+    """No thousand environments."""
     monkeypatch.setattr(training, "_memory_per_env", lambda _: 0.0)
 
 
@@ -37,7 +36,7 @@ def test_parts_add_up_to_the_whole_and_threads_are_put_back(monkeypatch: pytest.
     monkeypatch.setattr(RecurrentPPO, "train", watched)
     monkeypatch.setattr(training, "seconds_of", lambda body: (body(), 1000.0)[1])
     before = th.get_num_threads()
-    parts = training.Training(load_task("parkour"), 2, threads=1).run(32)
+    parts = training.Training(load_task("parkour"), 2, SMALL, threads=1).run(32)
     assert seen == [(1, True)] * 2 and th.get_num_threads() == before
     assert set(parts) == set(training.PARTS) and sum(parts.values()) == pytest.approx(1000.0)
     assert all(seconds > 0 for seconds in parts.values())
@@ -58,7 +57,7 @@ def test_training_and_bare_physics_take_turns(monkeypatch: pytest.MonkeyPatch) -
     PARTS = training.PARTS
     monkeypatch.setattr(training, "bare_replay", watched)
     monkeypatch.setattr(training, "seconds_of", lambda body: events.append(len(body())) or 2.0)
-    numbers = training.bench_train(task, num_envs=2, steps=40, repeats=2, stock=False)
+    numbers = training.bench_train(task, num_envs=2, steps=40, repeats=2, recipe=SMALL, stock=False)
     # 2 ms whatever the task has; one rollout of 16 samples to warm up; 40 samples are two whole rollouts.
     assert events == [0.002, 16, 32, 8, 32, 8]
     assert numbers["samples_per_second"] == 32 / 4 and numbers["bare_physics_steps_per_second"] == 16 / 2
@@ -78,7 +77,9 @@ def test_bare_physics_steps_as_near_to_two_milliseconds_as_the_control_step_allo
 
 def test_a_training_goes_on_from_a_policy_at_the_end_of_its_curriculum() -> None:
     loaded = load_policy("parkour")
-    begun = training.Training(training.trained_task(loaded.task, loaded.policy), 2, loaded.policy, threads=1)
+    task = training.trained_task(loaded.task, loaded.policy)
+    begun = training.Training(task, 2, replace(default_ppo(), gamma=0.9), loaded.policy, threads=1)
+    assert begun.model.gamma == 0.9
     for name, weights in loaded.policy.state_dict().items():
         assert th.equal(begun.model.policy.state_dict()[name], weights), name
     assert begun.model.env.get_attr("level") == [1.0, 1.0]
@@ -94,5 +95,5 @@ def test_stock_has_the_same_settings_weights_and_one_thread(monkeypatch: pytest.
 
     monkeypatch.setattr(StockRecurrentPPO, "learn", learn)
     before = th.get_num_threads()
-    assert training._stock_rate(load_task("parkour"), 2, None) > 0
+    assert training._stock_rate(load_task("parkour"), 2, SMALL, None) > 0
     assert learned == [(16, 8, 1, 16, 1)] * 2 and th.get_num_threads() == before
