@@ -259,6 +259,8 @@ class BatchEnv:
 
         In typical sizes of each value; see ``critic_observations`` of the task.
         """
+        if not self.observer.critic_sees_more:
+            return np.zeros((self.num_envs if rows is None else len(rows), 0), dtype=np.float32)
         return self.observer.critic(self.view(rows))
 
     def plan(self, row: int) -> np.ndarray:

@@ -28,6 +28,11 @@ class Observer:
         self._of_policy = bind(registry.observations, task.observations)
         self._of_critic = bind(registry.observations, task.critic_observations)
 
+    @property
+    def critic_sees_more(self) -> bool:
+        """Whether there are terms for the critic alone."""
+        return bool(self._of_critic)
+
     def scale(self, view: EnvView) -> np.ndarray:
         """Typical sizes of what the policy sees, shape (size,)."""
         return np.concatenate([signal.scale for signal in _signals(self._of_policy, view).values()])
@@ -46,10 +51,8 @@ class Observer:
         return _finite(np.clip(np.concatenate(values, axis=1), -limit, limit))
 
     def critic(self, view: EnvView) -> np.ndarray:
-        """What only the critic sees, exactly and in typical sizes, shape (n, size), float32."""
+        """What only the critic sees, if it does, exactly and in typical sizes, shape (n, size), float32."""
         values = [signal.value / signal.scale for signal in _signals(self._of_critic, view).values()]
-        if not values:
-            return np.zeros((len(view.state), 0), dtype=np.float32)
         return _finite(np.clip(np.concatenate(values, axis=1), -CRITIC_CLIP, CRITIC_CLIP))
 
 

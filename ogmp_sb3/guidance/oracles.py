@@ -41,6 +41,7 @@ class Plant:
 
 
 Orientation = tuple[float, float, float]
+FrozenWeights = tuple[tuple[str, float], ...]  # by name, as keys of what is kept
 UPRIGHT: Orientation = (0.0, 0.0, 0.0)
 
 
@@ -115,9 +116,7 @@ def preview(
     """
     index, orientations = _mean_orientations(set_points)
     phases = phase_weights(Q)
-    named = (phases["flight"], phases["stance"])
-    P_end = np.stack([_total_gain(plant, _freeze(each), _freeze(R), eps, UPRIGHT)[1] for each in named])
-    weights = np.stack([state_weights(each, eps) for each in named]), input_weights(R) / plant.feet, P_end
+    weights = _preview_weights(plant, _freeze(phases["flight"]), _freeze(phases["stance"]), _freeze(R), eps)
     if len(orientations) == 1:
         dynamics = srb_axes(plant.srb, plant.dt)
         state = simulate_preview_upright(*dynamics, *weights, set_points.stance, set_points.state, set_points.steps, x0)
@@ -125,6 +124,16 @@ def preview(
         A, B, d = _models(plant, orientations)
         state = simulate_preview(A, B, d, *weights, index, set_points.stance, set_points.state, set_points.steps, x0)
     return Reference(state, set_points.steps)
+
+
+@lru_cache(maxsize=64)
+def _preview_weights(
+    plant: Plant, flight: FrozenWeights, stance: FrozenWeights, R: FrozenWeights, eps: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Diagonals of Q in flight and in stance, (2, 12), that of R, (6,), and the costs of the end, (2, 12, 12)."""
+    P_end = np.stack([_total_gain(plant, named, R, eps, UPRIGHT)[1] for named in (flight, stance)])
+    Q = np.stack([state_weights(dict(named), eps) for named in (flight, stance)])
+    return Q, input_weights(dict(R)) / plant.feet, P_end
 
 
 def phase_weights(Q: TrackingWeights) -> PhaseWeights:
@@ -144,7 +153,7 @@ def input_weights(R: dict[str, float]) -> np.ndarray:
     return np.array([R[name] for name in INPUT_NAMES])
 
 
-def _freeze(weights: dict[str, float]) -> tuple[tuple[str, float], ...]:
+def _freeze(weights: dict[str, float]) -> FrozenWeights:
     return tuple(sorted(weights.items()))
 
 
@@ -163,7 +172,7 @@ def stationary_gains(
 
 @lru_cache(maxsize=4096)
 def _total_gain(
-    plant: Plant, Q: tuple[tuple[str, float], ...], R: tuple[tuple[str, float], ...], eps: float, mean_rpy: Orientation
+    plant: Plant, Q: FrozenWeights, R: FrozenWeights, eps: float, mean_rpy: Orientation
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stationary feedback of the total force and moment, shape (6, 12), and the stationary cost, shape (12, 12).
 

@@ -143,8 +143,9 @@ class Plans:
         self.reference[rows, :knots] = reference.state
         self.quat[rows, :knots] = rpy_to_quat(reference.state[..., RPY])
         if self._encoder is not None:
-            sides = [self._encoder(side * reference.state, reference.steps) for side in self._sides]
-            self.latent[rows] = np.concatenate(sides, axis=1)
+            sides = np.concatenate([side * reference.state for side in self._sides])
+            latents = self._encoder(sides, np.tile(reference.steps, len(self._sides)))
+            self.latent[rows] = np.concatenate(np.split(latents, len(self._sides)), axis=1)
         self.period[rows] = steps
         self.phase[rows] = 0
 

@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from ogmp_sb3.machine import compiled
+
 Array = np.ndarray
 
 
 def quat_multiply(a: Array, b: Array) -> Array:
     """Hamilton product ``a b``, shape (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    if np.shape(a) != np.shape(b):
+        a, b = np.broadcast_arrays(a, b)
+    product = np.empty(np.shape(a))
+    _quat_multiply(_rows(a), _rows(b), product.reshape(-1, 4))
+    return product
 
 
 def quat_conjugate(q: Array) -> Array:
@@ -46,28 +42,16 @@ def quat_rotate_inverse(q: Array, v: Array) -> Array:
 
 def quat_to_rotvec(q: Array) -> Array:
     """The rotation vector of a quaternion, its axis times its angle in [0, pi], shape (..., 3), rad."""
-    q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
-    # angle / sine tends to 2 where both vanish
-    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    vector: np.ndarray = scale * q[..., 1:]
+    vector = np.empty((*np.shape(q)[:-1], 3))
+    _quat_to_rotvec(_rows(q), vector.reshape(-1, 3))
     return vector
 
 
 def rpy_to_quat(rpy: Array) -> Array:
     """Roll, pitch, yaw (..., 3), rad, to a quaternion (..., 4)."""
-    half = 0.5 * np.asarray(rpy, dtype=float)
-    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
+    quat = np.empty((*np.shape(rpy)[:-1], 4))
+    _rpy_to_quat(_rows(rpy), quat.reshape(-1, 4))
+    return quat
 
 
 def quat_to_rpy(q: Array) -> Array:
@@ -123,3 +107,44 @@ def rpy_rate_matrix(rpy: Array, min_cos_pitch: float = 0.1) -> Array:
 def wrap_angle(angle: Array) -> Array:
     """An angle in rad, moved into [-pi, pi)."""
     return (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _rows(vectors: Array) -> Array:
+    """Vectors of any leading shape, one behind the other, for compiled code."""
+    vectors = np.ascontiguousarray(vectors, dtype=float)
+    return vectors.reshape(-1, vectors.shape[-1])
+
+
+@compiled
+def _quat_multiply(a, b, product):  # type: ignore[no-untyped-def]
+    for i in range(len(product)):
+        aw, ax, ay, az = a[i]
+        bw, bx, by, bz = b[i]
+        product[i, 0] = aw * bw - ax * bx - ay * by - az * bz
+        product[i, 1] = aw * bx + ax * bw + ay * bz - az * by
+        product[i, 2] = aw * by - ax * bz + ay * bw + az * bx
+        product[i, 3] = aw * bz + ax * by - ay * bx + az * bw
+
+
+@compiled
+def _quat_to_rotvec(quat, vector):  # type: ignore[no-untyped-def]
+    for i in range(len(quat)):
+        w, x, y, z = quat[i]
+        sine = np.sqrt(x * x + y * y + z * z)
+        # The angle over the sine, which tends to 2 where both vanish; q and -q are the same rotation.
+        scale = 2.0 * np.arctan2(sine, abs(w)) / sine if sine > 0.0 else 2.0
+        if w < 0.0:
+            scale = -scale
+        for j in range(3):
+            vector[i, j] = scale * quat[i, 1 + j]
+
+
+@compiled
+def _rpy_to_quat(rpy, quat):  # type: ignore[no-untyped-def]
+    for i in range(len(rpy)):
+        cr, cp, cy = np.cos(0.5 * rpy[i, 0]), np.cos(0.5 * rpy[i, 1]), np.cos(0.5 * rpy[i, 2])
+        sr, sp, sy = np.sin(0.5 * rpy[i, 0]), np.sin(0.5 * rpy[i, 1]), np.sin(0.5 * rpy[i, 2])
+        quat[i, 0] = cr * cp * cy + sr * sp * sy
+        quat[i, 1] = sr * cp * cy - cr * sp * sy
+        quat[i, 2] = cr * sp * cy + sr * cp * sy
+        quat[i, 3] = cr * cp * sy - sr * sp * cy

@@ -29,8 +29,8 @@ class OgmpVecEnv(Copied, VecEnv):
 
     ``infos[i]`` holds ``deviation`` (the weighted norm that the bound is about) and ``termination`` (the rule that
     ended the episode, empty while it runs); at the end of an episode also ``terminal_observation``,
-    ``terminal_critic_observation`` if the task has ``critic_observations``, ``TimeLimit.truncated`` and ``episode``
-    with return ``r``, length ``l``, ``distance`` along the track, curriculum
+    ``TimeLimit.truncated`` (then also ``terminal_critic_observation``, if the task has ``critic_observations``) and
+    ``episode`` with return ``r``, length ``l``, ``distance`` along the track, curriculum
     ``level``, mean ``deviation`` and the mean per step of each reward term. The summary of an episode that began
     before an earlier fall is called ``restart`` instead. A simulation that fails ends its own episode as
     ``unstable``, with the :class:`~ogmp_sb3.env.failed_step.UnstableStep` in ``unstable``; the others go on.
@@ -86,16 +86,18 @@ class OgmpVecEnv(Copied, VecEnv):
         observation = result.observation
         rows = np.flatnonzero(dones)
         if len(rows):
-            x, unseen = self._x(), self.batch.critic_observation(rows)
-            for row, critic_observation in zip(rows, unseen, strict=True):
+            x = self._x()
+            for row in rows:
                 infos[row]["terminal_observation"] = observation[row].copy()
-                if critic_observation.size:
-                    infos[row]["terminal_critic_observation"] = critic_observation
                 infos[row]["TimeLimit.truncated"] = bool(result.truncated[row])
                 kind = "restart" if self.batch.restarted[row] else "episode"
                 infos[row][kind] = self._summary(int(row), float(x[row]))
                 if result.termination[row] == UNSTABLE:
                     infos[row]["unstable"] = capture(self.batch, int(row), self._actions[row])
+            timed_out = np.flatnonzero(result.truncated)
+            for row, seen in zip(timed_out, self.batch.critic_observation(timed_out), strict=True):
+                if seen.size:
+                    infos[row]["terminal_critic_observation"] = seen
             for sums in self._sums.values():
                 sums[rows] = 0.0
             observation = observation.copy()
