@@ -234,16 +234,7 @@ class BatchEnv:
         if len(changed):
             self.sim.set_terrain(changed, self.terrain[changed])
         self._remember(terminated & ~unstable)
-        knots = self.guide.knots(self._every)
-        ahead = replace(
-            view,
-            terrain=self.terrain,
-            reference=knots.reference,
-            reference_quat=knots.quat,
-            latent=knots.latent,
-            phase=knots.phase,
-            period=knots.period,
-        )
+        ahead = replace(view, terrain=self.terrain, **self.guide.knots(self._every)._asdict())
         return StepResult(
             observation=self.observer.policy(ahead),
             reward=reward,
@@ -329,12 +320,8 @@ class BatchEnv:
             terrain=terrain,
             ground_height=height_at(terrain, position[:, None, :2])[:, 0],
             state=state,
-            reference=knots.reference,
-            reference_quat=knots.quat,
             deviation=deviation(state, knots.reference, self._weights),
-            latent=knots.latent,
-            phase=knots.phase,
-            period=knots.period,
+            **knots._asdict(),
         )
 
     def _states(self, rows: np.ndarray) -> np.ndarray:

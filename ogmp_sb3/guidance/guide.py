@@ -18,11 +18,11 @@ from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters, mode_calls, pl
 
 
 class Knots(NamedTuple):
-    """Where some environments are on their references."""
+    """Where some environments are on their references, by the names that views have for it."""
 
     reference: np.ndarray
     """the present knots, shape (n, 12)"""
-    quat: np.ndarray
+    reference_quat: np.ndarray
     """their orientations, shape (n, 4)"""
     latent: np.ndarray
     """mode latents of the references, shape (n, latent size)"""
