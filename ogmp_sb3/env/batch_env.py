@@ -234,7 +234,7 @@ class BatchEnv:
         if len(changed):
             self.sim.set_terrain(changed, self.terrain[changed])
         self._remember(terminated & ~unstable)
-        ahead = replace(view, terrain=self.terrain, **self.guide.knots(self._every)._asdict())
+        ahead = replace(view, terrain=self.terrain, **self.guide.knots(self._every, x)._asdict())
         return StepResult(
             observation=self.observer.policy(ahead),
             reward=reward,
@@ -305,7 +305,7 @@ class BatchEnv:
         qpos, qvel = sim.qpos[rows], sim.qvel[rows]
         # np.take keeps rows contiguous, so that sums over a row do not depend on how many rows there are.
         joint_pos, joint_vel = qpos.take(sim.joint_qpos, axis=1), qvel.take(sim.joint_qvel, axis=1)
-        position, terrain, knots = qpos[:, p : p + 3], self.terrain[rows], self.guide.knots(rows)
+        position, terrain, knots = qpos[:, p : p + 3], self.terrain[rows], self.guide.knots(rows, qpos[:, p])
         state, linvel_b = srb_state(qpos[:, p : p + 7], qvel[:, v : v + 6])
         return EnvView(
             base_pos_w=position,

@@ -201,6 +201,7 @@ def _random_view(view: EnvView, weights: np.ndarray) -> EnvView:
         latent=rng.uniform(-1.0, 1.0, (PROBES, view.latent.shape[1])),
         phase=rng.integers(0, 10, PROBES),
         period=np.full(PROBES, 10),
+        commanded_speed=rng.uniform(0.5, 1.5, PROBES),
     )
 
 

@@ -111,6 +111,12 @@ def reference_error(view: EnvView) -> Signal:
 
 
 @observations.register()
+def commanded_speed(view: EnvView) -> Signal:
+    """The heading speed that the mode asks for where the robot is (1): a pace's ``v``, as a joystick would give it."""
+    return Signal(view.commanded_speed[:, None], np.full(1, 0.3), (Part("commanded_speed", "m/s", 1),))
+
+
+@observations.register()
 def mode_latent(view: EnvView, both_sides: bool = False) -> Signal:
     """What the task's encoder makes of the coming reference (paper: z_t).
 

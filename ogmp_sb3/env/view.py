@@ -50,6 +50,8 @@ class EnvView:
     """control steps since the oracle was asked, shape (num_envs,), int"""
     period: np.ndarray
     """control steps between queries, shape (num_envs,), int"""
+    commanded_speed: np.ndarray
+    """what the modes ask for along x where the robot is, shape (num_envs,), m/s"""
 
 
 def srb_state(pose: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

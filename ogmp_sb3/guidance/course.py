@@ -11,7 +11,7 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.task import MAX_BOXES, TaskConfig
 from ogmp_sb3.guidance.modes import Segment
 from ogmp_sb3.guidance.sampling import ModeCall, ModeSampler, corner_segments, flat_ground
-from ogmp_sb3.guidance.set_points import END, SPAN_SIZE, VX, append_spans, span_row
+from ogmp_sb3.guidance.set_points import END, SPAN_SIZE, VX, append_spans, span_row, span_speed
 from ogmp_sb3.guidance.terrain import Plateau, empty_terrain, place
 
 START_PLATEAU = 2.0  # m: flat ground behind the start of a track
@@ -112,6 +112,15 @@ class Course:
         ends = self.spans[rows, self._span_count[rows] - 1, END]
         steps: np.ndarray = np.maximum(np.round(ends / self.task.control_dt).astype(int), 1)
         return steps
+
+    def commanded_speed(self, rows: np.ndarray, x: np.ndarray, phase: np.ndarray) -> np.ndarray:
+        """The speed along x that modes ask for: of the span at a place, or in a timed task at a time; m/s, shape (n,).
+
+        :param rows: environments, shape (n,), int
+        :param x: places along the track, shape (n,), m
+        :param phase: control steps since the present mode began, shape (n,), int; of timed tasks
+        """
+        return span_speed(self.spans, rows, phase * self.task.control_dt if self.timed else x)
 
     def mode_at(self, row: int, x: float) -> ModeCall:
         """The mode that a place on the track belongs to; in a timed task the present one.

@@ -30,6 +30,8 @@ class Knots(NamedTuple):
     """control steps since the oracle was asked, shape (n,), int"""
     period: np.ndarray
     """control steps between queries, shape (n,), int"""
+    commanded_speed: np.ndarray
+    """what the modes ask for along x where the robots are, shape (n,), m/s"""
 
 
 class Guide:
@@ -147,11 +149,21 @@ class Guide:
             self.query(due, states(due))
         return short
 
-    def knots(self, rows: np.ndarray) -> Knots:
-        """Where some environments are on their references; rows have shape (n,), int."""
+    def knots(self, rows: np.ndarray, x: np.ndarray) -> Knots:
+        """Where some environments are on their references.
+
+        :param rows: environments, shape (n,), int
+        :param x: where their robots are along the track, shape (n,), m
+        """
         plans, phase = self.plans, self.plans.phase[rows]
-        quat, latent = plans.quat[rows, phase], plans.latent[rows]
-        return Knots(plans.reference[rows, phase], quat, latent, phase, plans.period[rows])
+        return Knots(
+            reference=plans.reference[rows, phase],
+            reference_quat=plans.quat[rows, phase],
+            latent=plans.latent[rows],
+            phase=phase,
+            period=plans.period[rows],
+            commanded_speed=self.course.commanded_speed(rows, x, phase),
+        )
 
     def plan(self, row: int) -> np.ndarray:
         """The present reference of an environment, from the query on, shape (knots + 1, 12)."""

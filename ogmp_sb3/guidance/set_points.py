@@ -102,6 +102,23 @@ def append_spans(spans, count, new, keep_from):  # type: ignore[no-untyped-def]
     return kept
 
 
+@compiled
+def span_speed(spans, rows, at):  # type: ignore[no-untyped-def]
+    """The speed along x of the spans that some environments are in, m/s, shape (n,).
+
+    :param spans: of all environments, shape (num_envs, spans, SPAN_SIZE)
+    :param rows: environments, shape (n,), int
+    :param at: place, m, or time, s, in the unit of the ends, shape (n,)
+    """
+    speed = np.empty(len(rows))
+    for i, row in enumerate(rows):
+        here = 0
+        while here < spans.shape[1] - 1 and spans[row, here, END] <= at[i]:
+            here += 1
+        speed[i] = spans[row, here, VX]
+    return speed
+
+
 def set_points(
     spans: np.ndarray,
     timed: np.ndarray,

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.views import make_view
-from ogmp_sb3.env.observations import DEEPEST, clock, height_scan, proprioception, reference_error
+from ogmp_sb3.env.observations import DEEPEST, clock, commanded_speed, height_scan, proprioception, reference_error
 from ogmp_sb3.guidance.terrain import NOTHING, empty_terrain
 
 HEIGHT, QUAT, JOINTS, LINVEL, ANGVEL, RATES = (
@@ -159,3 +159,9 @@ def test_the_reference_error_is_a_rotation_vector_and_differences_and_nothing_on
     np.testing.assert_allclose(error[:, :3], turn.as_rotvec(), atol=1e-9)
     np.testing.assert_allclose(error[:2, 3:], 0.1)
     np.testing.assert_allclose(error[2], 0.0, atol=1e-9)
+
+
+def test_the_commanded_speed_is_a_number_in_metres_a_second() -> None:
+    signal = commanded_speed(make_view(2, commanded_speed=np.array([0.6, 1.8])))
+    assert signal.value.tolist() == [[0.6], [1.8]]
+    assert [(part.name, part.unit, part.size) for part in signal.parts] == [("commanded_speed", "m/s", 1)]

@@ -78,3 +78,29 @@ def test_in_a_timed_task_the_last_mode_is_the_present_one() -> None:
     assert course.mode_at(0, 0.3).name == "flip"
     course.extend(0, 0.0, rng, 1.0)
     assert course.mode_at(0, 0.3).name == "settle"
+
+
+def test_the_commanded_speed_is_that_of_the_mode_at_a_place() -> None:
+    task = load_task("parkour", {**STEADY, "modes.pace": {"v": [0.6, 1.8], "length": [0.4, 1.2]}})
+    course, rng = Course(task, num_envs=2), np.random.default_rng(0)
+    for row in range(2):
+        course.begin(row, rng, 1.0)
+    for x in np.arange(0.0, 6.0, 0.25):
+        for row in range(2):
+            course.extend(row, float(x), rng, 1.0)
+        places = np.array([x + 0.01, x + 0.9])
+        expected = [course.mode_at(row, place).parameters["v"] for row, place in enumerate(places)]
+        assert course.commanded_speed(np.arange(2), places, np.zeros(2, dtype=int)).tolist() == expected
+    assert course.commanded_speed(np.array([1]), np.array([-1.0]), np.zeros(1, dtype=int)).shape == (1,)
+
+
+def test_a_timed_mode_commands_a_speed_at_a_time_wherever_the_robot_is() -> None:
+    course, rng = Course(load_task("dive"), num_envs=3), np.random.default_rng(0)
+    for row, direction in enumerate(("front", "back", "left")):
+        course.command(row, ModeCall("flip", {"r": direction, "h": 1.0}))
+        course.begin(row, rng, 1.0)
+    rows, x = np.arange(3), np.full(3, 50.0)
+    assert course.commanded_speed(rows, x, np.array([0, 10, 5])).tolist() == [1.0, -1.0, 0.0]
+    for row in range(3):
+        course.extend(row, 0.0, rng, 1.0)
+    assert course.commanded_speed(rows, x, np.zeros(3, dtype=int)).tolist() == [0.0, 0.0, 0.0]

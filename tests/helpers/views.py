@@ -34,6 +34,7 @@ def make_view(num_envs: int = 3, **fields: Any) -> EnvView:
         "latent": np.zeros((num_envs, 2)),
         "phase": np.zeros(num_envs, dtype=int),
         "period": np.full(num_envs, 30),
+        "commanded_speed": np.zeros(num_envs),
     }
     values |= fields
     values.setdefault("base_linvel_b", quat_rotate_inverse(values["base_quat"], values["base_linvel_w"]))
