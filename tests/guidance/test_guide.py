@@ -38,17 +38,17 @@ def test_a_reference_is_followed_knot_by_knot_and_the_oracle_asked_again_at_its_
     guide, generators, states = begun(**STEADY)
     horizon = load_task("parkour").horizon
     assert horizon is not None
-    np.testing.assert_array_equal(guide.knots(np.arange(ENVS)).reference[:, POS], states[:, POS])
+    np.testing.assert_array_equal(guide.knots(np.arange(ENVS), states[:, POS.start]).reference[:, POS], states[:, POS])
     for step in range(1, horizon):
         follow(guide, generators, states)
-        knots = guide.knots(np.array([1]))
+        knots = guide.knots(np.array([1]), states[1:2, POS.start])
         assert (knots.phase[0], knots.period[0]) == (step, horizon)
         np.testing.assert_array_equal(knots.reference[0], guide.plan(1)[step])
     states = states.copy()
     states[:, POS.start] += 0.7
     states[:, VEL.start] = 0.8
     follow(guide, generators, states)
-    assert (guide.knots(np.arange(ENVS)).phase == 0).all()
+    assert (guide.knots(np.arange(ENVS), states[:, POS.start]).phase == 0).all()
     np.testing.assert_array_equal(guide.plan(2)[0, POS], states[2, POS])
 
 
@@ -64,7 +64,7 @@ def test_the_track_is_laid_ahead_of_those_robots_alone_that_have_moved_on() -> N
 
 def test_a_timed_mode_is_followed_by_the_next_one() -> None:
     guide, generators, states = begun("dive")
-    steps = int(guide.knots(np.array([0])).period[0])
+    steps = int(guide.knots(np.array([0]), states[:1, POS.start]).period[0])
     assert guide.timed and guide.mode_at(0, 0.0).name == "flip"
     for _ in range(steps):
         follow(guide, generators, states)
