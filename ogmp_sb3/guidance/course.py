@@ -120,7 +120,8 @@ class Course:
         :param x: places along the track, shape (n,), m
         :param phase: control steps since the present mode began, shape (n,), int; of timed tasks
         """
-        return span_speed(self.spans, rows, phase * self.task.control_dt if self.timed else x)
+        speed: np.ndarray = span_speed(self.spans, rows, phase * self.task.control_dt if self.timed else x)
+        return speed
 
     def mode_at(self, row: int, x: float) -> ModeCall:
         """The mode that a place on the track belongs to; in a timed task the present one.
