@@ -26,11 +26,11 @@ from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 NUM_ENVS = 64
 WARM_UP = 0.1  # share of the steps before memory counts: caches fill, buffers reach their size
 DISTURBED = {
-    "mass": [0.8, 1.2],
-    "friction": [0.5, 1.2],
-    "gains": [0.8, 1.2],
-    "latency": [0, 0.06],
-    "sensor_noise": 0.1,
+    "mass": {"scale": [0.8, 1.2]},
+    "friction": {"coefficient": [0.5, 1.2]},
+    "gains": {"scale": [0.8, 1.2]},
+    "action_delay": {"delay": [0, 0.06]},
+    "sensor_noise": {"scale": 0.1},
     "push": {"every": 1.0, "speed": [0.0, 0.3]},
 }
 

@@ -25,7 +25,7 @@ import gymnasium
 from ogmp_sb3.config.catalogue import TASKS_DIR
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env import observations, rewards, terminations  # noqa: F401
+from ogmp_sb3.env import observations, randomisation, rewards, terminations  # noqa: F401
 
 # Importing these modules registers what a task file can name.
 from ogmp_sb3.evaluation import metrics  # noqa: F401

@@ -31,9 +31,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.registry import NameTaken, Registry, looks_ahead
+from ogmp_sb3.config.registry import NameTaken, Registry, looks_ahead, parameter_limits
 from ogmp_sb3.config.robot import SRB, STATE_NAMES
 from ogmp_sb3.config.weights import InputWeights, PhaseWeights, Positive, StateWeights, TrackingWeights
+from ogmp_sb3.env.episode_disturbance import Disturbance, Subject
 from ogmp_sb3.env.observations import Part, Signal
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.evaluation.metrics import limited, reaches
@@ -67,6 +68,7 @@ __all__ = [
     "VEL",
     "Contact",
     "Decorator",
+    "Disturbance",
     "EnvView",
     "EpisodeRecord",
     "InputWeights",
@@ -82,6 +84,7 @@ __all__ = [
     "Signal",
     "Span",
     "StateWeights",
+    "Subject",
     "TrackingWeights",
     "height_at",
     "limited",
@@ -92,11 +95,13 @@ __all__ = [
     "objective",
     "observation",
     "oracle",
+    "parameter_limits",
     "quat_conjugate",
     "quat_multiply",
     "quat_rotate",
     "quat_rotate_inverse",
     "quat_to_rpy",
+    "randomisation",
     "reaches",
     "reward",
     "rpy_to_matrix",
@@ -141,6 +146,8 @@ oracle = Decorator(registry.oracles)
 """Of an oracle: ``(set_points, x0, plant, parameters) -> Reference``."""
 observation = Decorator(registry.observations)
 """Of an observation: ``(view, parameters) -> Signal``."""
+randomisation = Decorator(registry.randomisations)
+"""Of a randomisation: ``(subject, parameters) -> Disturbance``, numbers drawn for an episode to what disturbs it."""
 reward = Decorator(registry.rewards)
 """Of a reward: ``(view, parameters) -> array`` of shape (num_envs,)."""
 termination = Decorator(registry.terminations)

@@ -19,7 +19,6 @@ from ogmp_sb3.config.plugins import load_plugins
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.variation import PushConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
@@ -129,9 +128,9 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
             drawn = ((name, getattr(initial, name)) for name in INITIAL_UNITS)
             texts = (f"{name} {_range_text(r)} {INITIAL_UNITS[name]}" for name, r in drawn if r is not None)
             table.add_row(title, ", ".join(texts))
-    if task.randomisation is not None:
-        disturbances = vars(task.randomisation).items()
-        table.add_row("randomisation", ", ".join(_disturbance_text(k, v) for k, v in disturbances if v is not None))
+    for title, terms in (("randomisation", task.randomised), ("randomisation, test", task.evaluation.randomised)):
+        if terms:
+            table.add_row(title, ", ".join(_disturbance_text(*term) for term in terms.items()))
     robot = task.robot_config
     table.add_row("robot", f"{robot.name}: {rigid_body(robot, model_srb(robot, env.sim.model))}")
     table.add_row("mirror image", _mirror_image(env))
@@ -192,10 +191,8 @@ def _names(terms: dict[str, dict[str, object] | None]) -> str:
     return ", ".join(name for name, parameters in terms.items() if parameters is not None)
 
 
-def _disturbance_text(name: str, disturbance: Range | PushConfig) -> str:
-    if isinstance(disturbance, PushConfig):
-        return f"{name} {_range_text(disturbance.speed)} m/s every {disturbance.every:g} s"
-    return f"{name} {_range_text(disturbance)}{' s' if name == 'latency' else ''}"
+def _disturbance_text(name: str, ranges: dict[str, Range]) -> str:
+    return f"{name} ({', '.join(f'{key} {_range_text(range_)}' for key, range_ in ranges.items())})"
 
 
 def _range_text(range_: Range) -> str:

@@ -62,6 +62,11 @@ def _named_fields() -> dict[tuple[type[Any], str], Schema]:
         (SamplingConfig, "sequence"): _list(entry),
         (CurriculumConfig, "modes"): _mapping({name: _call(registry.modes, name, partial=True) for name in modes}),
         (CurriculumConfig, "weights"): weights,
+        (CurriculumConfig, "randomisation"): _mapping(
+            {name: _call(registry.randomisations, name, partial=True) for name in registry.randomisations.names()}
+        ),
+        (TaskConfig, "randomisation"): _or_null(_terms(registry.randomisations)),
+        (EvaluationConfig, "randomisation"): _or_null(_terms(registry.randomisations)),
         (EvaluationConfig, "terminations"): terminations,
         (EvaluationConfig, "metrics"): _list({"enum": registry.metrics.names()}),
     }
@@ -122,7 +127,8 @@ def _call(kind: Registry[Any], name: str, partial: bool = False) -> Schema:
     texts = _parameter_texts(kind.get(name))
     properties, needed = {}, []
     for key, parameter in kind.parameters(name).items():
-        schema = _range(parameter.annotation) if kind is registry.modes else _of(parameter.annotation, {})
+        ranged = kind in (registry.modes, registry.randomisations)
+        schema = _range(parameter.annotation) if ranged else _of(parameter.annotation, {})
         if parameter.default is inspect.Parameter.empty and not partial:
             needed.append(key)
         properties[key] = _described(schema, texts.get(key), parameter.default)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,11 @@ from ogmp_sb3.config.ranges import ModeRanges
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 from ogmp_sb3.config.strict import read
-from ogmp_sb3.config.task import TaskConfig, Terms
+from ogmp_sb3.config.task import RandomisationTerms, TaskConfig, Terms
 from ogmp_sb3.config.variation import CurriculumConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml, resolved
+
+KINDS_OF_RANGES = {"modes": registry.modes, "randomisation": registry.randomisations}
 
 
 def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[str] = ()) -> TaskConfig:
@@ -48,6 +51,11 @@ def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
         _read_terms({name: {}}, registry.metrics, where / "evaluation.metrics")
     _read_terms({task.objective: {}}, registry.objectives, where / "objective")
     _check_modes(task, where)
+    for key, terms in (
+        ("randomisation", task.randomisation),
+        ("evaluation.randomisation", task.evaluation.randomisation),
+    ):
+        _check_randomisation(terms or {}, where / key)
     ending = _read_terms(task.evaluation.terminations, registry.terminations, where / "evaluation.terminations")
     return replace(
         _without_removed_modes(task),
@@ -89,6 +97,14 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
         _check_curriculum(task, task.curriculum, where / "curriculum")
 
 
+def _check_randomisation(terms: RandomisationTerms, where: Where) -> None:
+    for name in terms:
+        with _located(where):
+            registry.randomisations.get(name)
+    in_use = {name: ranges for name, ranges in terms.items() if ranges is not None}
+    check_ranges(in_use, where, complete=True, kinds=registry.randomisations)
+
+
 def _check_sampling(task: TaskConfig, where: Where) -> None:
     _check_names(task.sampling.weights, task.modes, where / "weights")
     _check_names((entry.mode for entry in task.sampling.sequence), task.mode_ranges, where / "sequence")
@@ -99,14 +115,20 @@ def _check_sampling(task: TaskConfig, where: Where) -> None:
 
 
 def _check_curriculum(task: TaskConfig, curriculum: CurriculumConfig, where: Where) -> None:
-    _check_names(curriculum.modes, task.modes, where / "modes")
-    check_ranges(curriculum.modes, where / "modes", complete=False)
-    for name, ranges in curriculum.modes.items():
-        for key, range_ in ranges.items():
-            if range_.words:
-                raise ValueError(f"{where / 'modes' / name / key} is a word, which has no values between two levels.")
-            if name in task.mode_ranges and key not in task.mode_ranges[name]:
-                raise KeyError(f"{where / 'modes' / name / key} needs 'modes.{name}.{key}' too, its value at level 1.")
+    for kind, easy, full, named in (
+        ("modes", curriculum.modes, task.mode_ranges, task.modes),
+        ("randomisation", curriculum.randomisation, task.randomised, task.randomisation or {}),
+    ):
+        _check_names(easy, named, where / kind)
+        check_ranges(easy, where / kind, complete=False, kinds=KINDS_OF_RANGES[kind])
+        for name, ranges in easy.items():
+            for key, range_ in ranges.items():
+                if range_.words:
+                    raise ValueError(f"{where / kind / name / key} is a word, which has no values between two levels.")
+                if name in full and key not in full[name]:
+                    raise KeyError(
+                        f"{where / kind / name / key} needs '{kind}.{name}.{key}' too, its value at level 1."
+                    )
     _check_names(curriculum.weights, task.modes, where / "weights")
     _check_a_mode_is_drawn(task, {**task.sampling.weights, **curriculum.weights}, where / "weights")
 
@@ -124,24 +146,28 @@ def _without_removed_modes(task: TaskConfig) -> TaskConfig:
 
     curriculum = task.curriculum
     if curriculum is not None:
-        curriculum = replace(curriculum, modes=used(curriculum.modes), weights=used(curriculum.weights))
+        disturbed = {name: ranges for name, ranges in curriculum.randomisation.items() if name in task.randomised}
+        curriculum = replace(
+            curriculum, modes=used(curriculum.modes), weights=used(curriculum.weights), randomisation=disturbed
+        )
     sampling = replace(task.sampling, weights=used(task.sampling.weights))
     return replace(task, sampling=sampling, curriculum=curriculum)
 
 
-def check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
-    """Check modes and their parameters.
+def check_ranges(named: ModeRanges, where: Where, complete: bool, kinds: Registry[Any] = registry.modes) -> None:
+    """Check modes, or disturbances, and their parameters.
 
     :param complete: every parameter without a default must be there
+    :param kinds: what they are
     :raises KeyError: for an unknown or missing name
     :raises ValueError: for a value that is out of range
     :raises TypeError: for a value of the wrong type
     """
-    for name, ranges in modes.items():
-        parameters = registry.modes.parameters(name)
+    for name, ranges in named.items():
+        parameters, limits = kinds.parameters(name), kinds.limits(name)
         if complete:
             with _located(where / name):
-                registry.modes.check(name, ranges)
+                kinds.check(name, ranges)
         _check_names(ranges, parameters, where / name)
         for key, range_ in ranges.items():
             annotation = parameters[key].annotation
@@ -151,8 +177,11 @@ def check_ranges(modes: ModeRanges, where: Where, complete: bool) -> None:
                 expected = f"one or more of the words {', '.join(words)}" if words else "a number or [low, high]"
                 raise TypeError(f"{where / name / key} must be {expected}, found {value}.")
             _check_names(range_.words, words, where / name / key)
-            if range_.low < 0:
-                raise ValueError(f"{where / name / key} must be at least 0, found {range_.low:g}.")
+            least, most = limits.get(key, (0.0 if kinds is registry.modes else -math.inf, math.inf))
+            for end in (range_.low, range_.high):
+                if not least <= end <= most:
+                    limit = f"at least {least:g}" if most == math.inf else f"from {least:g} to {most:g}"
+                    raise ValueError(f"{where / name / key} must be {limit}, found {end:g}.")
 
 
 def _read_oracles(task: TaskConfig, where: Where) -> dict[str, dict[str, Any]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 from ogmp_sb3.config.messages import did_you_mean
@@ -77,6 +77,11 @@ class Registry(Generic[T]):
         signature = inspect.signature(self.get(name), eval_str=True)
         return dict(list(signature.parameters.items())[self.arguments :])
 
+    def limits(self, name: str) -> Mapping[str, tuple[float, float]]:
+        """What the numbers of a function may be, least and greatest, by parameter; of :func:`parameter_limits`."""
+        limits: Mapping[str, tuple[float, float]] = getattr(self.get(name), "limits", {})
+        return limits
+
     def check(self, name: str, keys: Iterable[str]) -> None:
         """Check the names of the parameters that a YAML file gives.
 
@@ -92,6 +97,16 @@ class Registry(Generic[T]):
         for key, parameter in parameters.items():
             if parameter.default is inspect.Parameter.empty and key not in keys:
                 raise KeyError(f"{self.kind} '{name}' needs the parameter '{key}'.")
+
+
+def parameter_limits(**limits: tuple[float, float]) -> Callable[[F], F]:
+    """Decorator of a mode or a randomisation: what its parameters may be, least and greatest."""
+
+    def decorate(function: F) -> F:
+        function.limits = limits  # type: ignore[attr-defined]
+        return function
+
+    return decorate
 
 
 def looks_ahead(reach: Callable[..., float]) -> Callable[[F], F]:
@@ -111,11 +126,12 @@ modes: Registry[Any] = Registry("mode")
 oracles: Registry[Any] = Registry("oracle", arguments=3)
 observations: Registry[Any] = Registry("observation", arguments=1)
 rewards: Registry[Any] = Registry("reward", arguments=1)
+randomisations: Registry[Any] = Registry("randomisation", arguments=1)
 terminations: Registry[Any] = Registry("termination", arguments=1)
 metrics: Registry[Any] = Registry("metric", arguments=1)
 objectives: Registry[Any] = Registry("objective", arguments=1)
 
-KINDS = (modes, oracles, observations, rewards, terminations, metrics, objectives)
+KINDS = (modes, oracles, observations, rewards, terminations, randomisations, metrics, objectives)
 
 _load_more: Loader = str  # nothing to load, nothing to say
 

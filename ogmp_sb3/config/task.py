@@ -10,7 +10,7 @@ from ogmp_sb3.config.messages import Where, describe
 from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
 from ogmp_sb3.config.strict import all_different, not_negative, positive, read
-from ogmp_sb3.config.variation import CurriculumConfig, InitialConfig, RandomisationConfig, RestartConfig
+from ogmp_sb3.config.variation import CurriculumConfig, InitialConfig, RestartConfig
 
 MAX_SUBSTEPS = 10_000  # physics steps per control step; more is a slip of the pen, as are more of the next two
 MAX_HORIZON = 10_000  # control steps between queries
@@ -108,6 +108,11 @@ class ActionConfig:
 
 
 Terms = dict[str, dict[str, Any] | None]
+RandomisationTerms = dict[str, dict[str, Range] | None]
+
+
+def _in_use(terms: RandomisationTerms | None) -> ModeRanges:
+    return {name: ranges for name, ranges in (terms or {}).items() if ranges is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +131,7 @@ class EvaluationConfig:
     """names of metrics to report"""
     initial: InitialConfig | None = None
     """how robots begin in the test; null: all alike, whatever the policy was trained with"""
-    randomisation: RandomisationConfig | None = None
+    randomisation: RandomisationTerms | None = None
     """disturbances in the test; null: none, whatever the policy was trained with"""
 
     def __post_init__(self) -> None:
@@ -135,6 +140,11 @@ class EvaluationConfig:
         if self.track_length is not None:
             positive("track_length", self.track_length)
         all_different("metrics", self.metrics)
+
+    @property
+    def randomised(self) -> ModeRanges:
+        """The disturbances in use in the test and their parameters."""
+        return _in_use(self.randomisation)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,8 +194,8 @@ class TaskConfig:
     """what the policy commands"""
     initial: InitialConfig | None = None
     """how robots begin a training episode; null: all alike"""
-    randomisation: RandomisationConfig | None = None
-    """disturbances in training; null: none"""
+    randomisation: RandomisationTerms | None = None
+    """disturbances in training: term -> parameter -> value or [low, high]; null: none"""
     observations: Terms
     """observation terms in order, with parameters; null removes one"""
     critic_observations: Terms = field(default_factory=dict)
@@ -224,18 +234,9 @@ class TaskConfig:
                     f"'{name}.y' must lie on the track, which is {self.track.width:g} m wide, found "
                     f"{beside.low:g} to {beside.high:g}."
                 )
-        noise = self.randomisation is not None and self.randomisation.sensor_noise is not None
-        if noise and self.observations.get("proprioception") is None:
-            raise ValueError("'randomisation.sensor_noise' disturbs 'proprioception', which is not observed.")
         latents = [terms.get("mode_latent") for terms in (self.observations, self.critic_observations)]
         if None not in latents and latents[0] != latents[1]:
             raise ValueError("'mode_latent' must be the same in 'observations' and 'critic_observations'.")
-        for key, randomisation, physics_dt in (
-            ("randomisation", self.randomisation, self.physics_dt),
-            ("evaluation.randomisation", self.evaluation.randomisation, self.test_physics_dt),
-        ):
-            if randomisation is not None:
-                randomisation.check_times(key, self.control_dt, physics_dt)
         not_negative("bound", self.bound)
         if not any(self.bound.values()):
             raise ValueError("'bound' gives every state the weight 0: it must name one with a weight above 0.")
@@ -263,6 +264,11 @@ class TaskConfig:
     def mode_ranges(self) -> ModeRanges:
         """The modes in use and their parameters."""
         return {name: ranges for name, ranges in self.modes.items() if ranges is not None}
+
+    @property
+    def randomised(self) -> ModeRanges:
+        """The disturbances in use in training and their parameters."""
+        return _in_use(self.randomisation)
 
     @property
     def observed(self) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What varies over episodes: the curriculum, how robots begin, disturbances, and restarts before earlier falls."""
+"""What varies over episodes: the curriculum, how robots begin, and restarts before earlier falls."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.strict import not_negative, positive
 
-MAX_LATENCY = 0.5  # s; more is a slip of the pen, or a number of control steps
 REMEMBER_EVERY = 5  # control steps between two moments that are remembered
 LONGEST_BEFORE = 1_000  # control steps before a fall; more is a slip of the pen
 INITIAL_LIMITS = {"x": 1.0, "y": 1.0, "yaw": 3.15, "joint_pos": 1.0, "velocity": 5.0}  # more is a slip of the pen
@@ -27,6 +26,8 @@ class CurriculumConfig:
     """mode parameters at level 0, where they differ from the task's"""
     weights: dict[str, float] = field(default_factory=dict)
     """mode frequencies at level 0, where they differ from the task's"""
+    randomisation: ModeRanges = field(default_factory=dict)
+    """parameters of disturbances at level 0, where they differ from the task's"""
     step: float = 0.05
     """change of level after an episode"""
     raise_above: float = 0.8
@@ -85,67 +86,6 @@ class InitialConfig:
 def _numbers(name: str, range_: Range) -> None:
     if range_.words:
         raise ValueError(f"'{name}' must be a number or [low, high], found {', '.join(range_.words)}.")
-
-
-def _at_least(name: str, range_: Range | None, least: float, above: bool = False) -> None:
-    if range_ is None:
-        return
-    _numbers(name, range_)
-    if range_.low < least or (above and range_.low == least):
-        raise ValueError(f"'{name}' must be {'above' if above else 'at least'} {least:g}, found {range_.low:g}.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PushConfig:
-    """Kicks: the base's velocity changes at once, in a random horizontal direction."""
-
-    every: float = 2.0
-    """time between kicks, s, rounded to physics steps; the first comes at a random time within it"""
-    speed: Range
-    """change of velocity, drawn for every kick, m/s"""
-
-    def __post_init__(self) -> None:
-        positive("every", self.every)
-        _at_least("speed", self.speed, 0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomisationConfig:
-    """The disturbances in use; each is a number, ``[low, high]`` drawn uniformly at reset, or null for none."""
-
-    mass: Range | None = None
-    """factor on mass and inertia of all bodies together"""
-    friction: Range | None = None
-    """sliding friction coefficient of everything that touches"""
-    gains: Range | None = None
-    """factor on kp and kd of all servos together"""
-    latency: Range | None = None
-    """how long after its control step begins an action reaches the servos, s, rounded to physics steps"""
-    sensor_noise: Range | None = None
-    """standard deviation of white noise on the observation ``proprioception``, in its scales"""
-    push: PushConfig | None = None
-    """kicks during the episode"""
-
-    def __post_init__(self) -> None:
-        for name in ("mass", "friction", "gains"):
-            _at_least(name, getattr(self, name), 0.0, above=True)
-        for name in ("latency", "sensor_noise"):
-            _at_least(name, getattr(self, name), 0.0)
-
-    def check_times(self, key: str, control_dt: float, physics_dt: float) -> None:
-        """Check what is in seconds against the steps of a task.
-
-        :param key: of the disturbances in the task file
-        :param control_dt: s
-        :param physics_dt: s
-        :raises ValueError: if a time is too long, or too short to be simulated
-        """
-        if self.latency is not None and self.latency.high > MAX_LATENCY:
-            limit, step = f"from 0 to {MAX_LATENCY:g} s", f"a control step of this task is {control_dt:g} s"
-            raise ValueError(f"'{key}.latency' is in seconds, {limit}, found {self.latency.high:g}: {step}.")
-        if self.push is not None and self.push.every < physics_dt:
-            limit = f"at least a physics step, {physics_dt:g} s"
-            raise ValueError(f"'{key}.push.every' must be {limit}, found {self.push.every:g}.")
 
 
 @dataclass(frozen=True, kw_only=True)

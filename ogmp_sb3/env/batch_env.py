@@ -26,7 +26,7 @@ from ogmp_sb3.guidance.sampling import ModeCall, PlainModes, mode_calls, plain_m
 from ogmp_sb3.guidance.srb import VEL, deviation
 from ogmp_sb3.guidance.terrain import height_at
 
-STATE_ARRAYS = ("step_count", "level", "_ended", "restarted")
+STATE_ARRAYS = ("step_count", "level", "_ended", "restarted", "_action")
 MAX_ENVS = 100_000  # more is a slip of the pen
 
 
@@ -88,12 +88,12 @@ class BatchEnv:
         self._terminations = bind(registry.terminations, task.terminations)
         self._weights = np.array(task.bound_weights)
         self._nominal = np.array(task.robot_config.nominal_joints)
-        randomisations = [each.randomisation for each in row_tasks or [task] * num_envs]
-        self.disturbances = Disturbances(randomisations, self.action_size, task.physics_dt, task.substeps)
-        self.observer = Observer(task, self.disturbances)
+        self.disturbances = Disturbances(row_tasks or [task] * num_envs, self.sim)
+        self.observer = Observer(task)
         self.initial = InitialStates(task.initial, task.robot_config, self.sim)
 
         self.step_count = np.zeros(num_envs, dtype=int)
+        self._action = np.zeros((num_envs, self.action_size))  # the last one, clipped
         self._every = np.arange(num_envs)
         self._first_level = 1.0 if task.curriculum is None else 0.0
         self.level = np.full(num_envs, self._first_level)
@@ -103,7 +103,9 @@ class BatchEnv:
         self.restarts = Restarts(task.restarts, num_envs, snapshots.pack(self._moment_arrays(), np.arange(1)).shape[1])
         self.seed(seed)
         self.reset()
-        self.observation_scale = self.observer.scale(self.view())
+        view = self.view()
+        self.observation_scale = self.observer.scale(view)
+        self.disturbances.know(self.observer.parts(view), self.observation_scale)
         self.seed(seed)
 
     # ------------------------------------------------------------------ interface
@@ -165,14 +167,14 @@ class BatchEnv:
         """
         rows = np.arange(self.num_envs) if rows is None else np.asarray(rows)
         self._update_levels(rows)
-        self.step_count[rows] = 0
+        self.step_count[rows], self._action[rows] = 0, 0.0
         begun_from = {int(row): moment for row in rows if (moment := self.restarts.take(int(row)))}
         self._begin(np.array([row for row in rows if row not in begun_from], dtype=int))
         if begun_from:
             self._go_back(begun_from)
         self.restarted[rows] = [row in begun_from for row in rows]
         self._ended[rows] = False
-        return self.observer.policy(self.view(rows), rows)
+        return self.observer.policy(self.view(rows), lambda values: self.disturbances.first_measured(values, rows))
 
     def _begin(self, rows: np.ndarray) -> None:
         """Put robots down at the start of new variants of the task."""
@@ -182,7 +184,7 @@ class BatchEnv:
         ground = np.zeros(len(rows))
         for i, row in enumerate(rows):
             ground[i] = self.guide.begin(row, self._rng[row], float(self.level[row]), float(start.xy[i, 0]))
-        self.sim.vary(rows, **self.disturbances.begin(rows))
+        self.disturbances.begin(rows, self.level)
         self.sim.set_terrain(rows, self.terrain[rows])
         self.initial.put_down(rows, start, ground, self.terrain[rows])
         self.guide.query(rows, self._states(rows))
@@ -190,11 +192,12 @@ class BatchEnv:
     def _go_back(self, moments: dict[int, tuple[np.ndarray, PlainModes]]) -> None:
         """Put environments back to moments that were remembered."""
         rows = np.array(list(moments))
-        self.sim.vary(rows, **self.disturbances.begin(rows))
+        self.disturbances.begin(rows, self.level)
         self.sim.place(rows, np.zeros((len(rows), 3)), self._nominal)
         snapshots.unpack(self._moment_arrays(), rows, np.stack([vector for vector, _ in moments.values()]))
         for row, (_, modes) in moments.items():
             self.modes[row] = mode_calls(modes)
+        self.sim.apply_force(rows)
         self.sim.set_terrain(rows, self.terrain[rows])
 
     def _moment_arrays(self) -> list[np.ndarray]:
@@ -212,8 +215,8 @@ class BatchEnv:
         shape = (self.num_envs, self.action_size)
         if np.shape(actions) != shape:
             raise ValueError(f"actions must be of shape {shape}, found {np.shape(actions)}.")
-        targets = self._nominal + task.action.scale * np.clip(actions, -1.0, 1.0)
-        self._advance(targets, rows)
+        self._action[:] = np.clip(actions, -1.0, 1.0)
+        self._advance(self._nominal + task.action.scale * self._action, rows)
         self.guide.advance()
         self.step_count += 1
 
@@ -234,9 +237,12 @@ class BatchEnv:
         if len(changed):
             self.sim.set_terrain(changed, self.terrain[changed])
         self._remember(terminated & ~unstable)
-        ahead = replace(view, terrain=self.terrain, **self.guide.knots(self._every, x)._asdict())
+        if self.sim.sensed_at is None:
+            ahead = replace(view, terrain=self.terrain, **self.guide.knots(self._every, x)._asdict())
+        else:
+            ahead = self._view(self._every, self.sim.sensed["qpos"], self.sim.sensed["qvel"])
         return StepResult(
-            observation=self.observer.policy(ahead),
+            observation=self.observer.policy(ahead, lambda values: self.disturbances.measured(values, None)),
             reward=reward,
             terminated=terminated,
             truncated=termination == TIME_LIMIT,
@@ -274,10 +280,11 @@ class BatchEnv:
 
         :raises ValueError: if the state is of another task or number of environments
         """
+        arrays = {"_action": np.zeros_like(self._action), **arrays}  # older states do not have it
         for prefix, part in self._parts().items():
             snapshots.put_back(part.arrays(), arrays, prefix)
             part.set_plain(plain)
-        self.sim.vary(self._every, **self.disturbances.robots(self._every))
+        self.disturbances.vary(self._every)
         self.sim.place(self._every, np.zeros((self.num_envs, 3)), self._nominal)
         self.sim.set_terrain(self._every, self.terrain)
         snapshots.put_back(self._own_arrays(), arrays)
@@ -300,9 +307,13 @@ class BatchEnv:
 
     def view(self, rows: np.ndarray | None = None) -> EnvView:
         """The present state of some environments, by default all."""
-        sim, rows = self.sim, self._every if rows is None else rows
+        rows = self._every if rows is None else rows
+        return self._view(rows, self.sim.qpos[rows], self.sim.qvel[rows])
+
+    def _view(self, rows: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> EnvView:
+        """The view of some environments whose robots are in these positions and velocities."""
+        sim = self.sim
         p, v = sim.base_qpos, sim.base_qvel
-        qpos, qvel = sim.qpos[rows], sim.qvel[rows]
         # np.take keeps rows contiguous, so that sums over a row do not depend on how many rows there are.
         joint_pos, joint_vel = qpos.take(sim.joint_qpos, axis=1), qvel.take(sim.joint_qvel, axis=1)
         position, terrain, knots = qpos[:, p : p + 3], self.terrain[rows], self.guide.knots(rows, qpos[:, p])
@@ -315,6 +326,8 @@ class BatchEnv:
             base_angvel_b=qvel[:, v + 3 : v + 6],
             joint_pos=joint_pos,
             joint_vel=joint_vel,
+            down=sim.down[rows],
+            action=self._action[rows],
             torque=sim.torque(rows, joint_pos, joint_vel),
             body_contact=sim.body_contact()[rows],
             terrain=terrain,
@@ -335,8 +348,11 @@ class BatchEnv:
         :param targets: joint positions, shape (num_envs, joints), rad
         :param rows: these only, or None for all
         """
-        arrivals, kicks = self.disturbances.arrivals(targets, rows), self.disturbances.kicks(self.step_count, rows)
-        self.sim.step(rows, self.task.substeps, arrivals, kicks)
+        lengths = self.disturbances.lengths(rows)
+        arrivals = self.disturbances.arrivals(targets, rows, lengths)
+        kicks = self.disturbances.kicks(self.step_count, rows)
+        sensed_at = self.disturbances.sensed_at(rows, lengths)
+        self.sim.step(rows, self.task.substeps if lengths is None else lengths, arrivals, kicks, sensed_at)
 
     def _remember(self, fallen: np.ndarray) -> None:
         """Keep the moments that are due, and those before a fall."""

@@ -42,8 +42,10 @@ class UnstableStep:
     """joint targets that reached the servos after the first physics step, rad"""
     kicks: Events
     """changes of the base's horizontal velocity after the first physics step, m/s"""
-    varied: dict[str, float]
-    """mass, friction and gains of the robot, as :meth:`~ogmp_sb3.env.simulation.Simulation.vary` takes them"""
+    varied: dict[str, np.ndarray]
+    """how the robot was changed, as :meth:`~ogmp_sb3.env.simulation.Simulation.vary` takes it, without the row"""
+    substeps: int
+    """physics steps of the control step"""
     info: dict[str, Any]
     """plain data: environment, control step, curriculum level, modes so far; and what the one who saves it adds"""
 
@@ -76,11 +78,8 @@ def capture(env: BatchEnv, row: int, action: np.ndarray) -> UnstableStep:
         action=np.array(action, dtype=float),
         targets=targets.later(row),
         kicks=kicks.later(row),
-        varied={
-            name: float(value[0])
-            for name, value in env.disturbances.robots(np.array([row])).items()
-            if not np.isnan(value[0])
-        },
+        varied={name: values[0].copy() for name, values in env.disturbances.varied(np.array([row])).items()},
+        substeps=int(np.broadcast_to(env.sim.substeps, env.num_envs)[row]),
         info={
             "environment": row,
             "control_step": int(env.step_count[row]),
@@ -106,7 +105,7 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     ):
         if array.shape != shape:
             raise ValueError(f"'{name}' has the shape {array.shape}; the task's robot and track need {shape}.")
-    sim.vary(row, **{name: np.array([value]) for name, value in step.varied.items()})
+    sim.vary(row, {name: values[None] for name, values in step.varied.items()})
     sim.set_terrain(row, step.terrain[None])
     sim.place(row, np.zeros((1, 3)), np.array(task.robot_config.nominal_joints))
     sim.mj.state[0] = step.state
@@ -114,12 +113,12 @@ def replay(step: UnstableStep, task: TaskConfig) -> Replay:
     fastest = int(speeds.argmax())
     height = float(sim.qpos[0, sim.base_qpos + 2])
     failed_at, reasons = None, []
-    for substep in range(1, task.substeps + 1):
+    for substep in range(1, step.substeps + 1):
         sim.step(None, 1, step.targets.at_once(substep - 1), step.kicks.at_once(substep - 1))
         if sim.unstable()[0]:
             failed_at, reasons = substep, _reasons(sim)
             break
-    return Replay(task.substeps, failed_at, reasons, height, (joints[fastest], float(speeds[fastest])))
+    return Replay(step.substeps, failed_at, reasons, height, (joints[fastest], float(speeds[fastest])))
 
 
 def _reasons(sim: Simulation) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ogmp_sb3.config.registry import looks_ahead, observations
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
+from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate_inverse, quat_to_rotvec
 from ogmp_sb3.guidance.terrain import height_at, scan_points
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
@@ -24,6 +24,8 @@ class Part(NamedTuple):
     name: str
     unit: str
     size: int
+    measured: bool = False
+    """whether the robot measures it of itself"""
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,12 @@ def proprioception(view: EnvView) -> Signal:
     height = np.minimum(view.base_pos_w[:, 2] - view.ground_height, HIGHEST)
     joints = view.joint_pos.shape[1]
     parts = (
-        Part("base_height", "m", 1),
-        Part("base_quat", "1", 4),
-        Part("joint_pos", "rad", joints),
-        Part("base_linvel_b", "m/s", 3),
-        Part("base_angvel_b", "rad/s", 3),
-        Part("joint_vel", "rad/s", joints),
+        Part("base_height", "m", 1, measured=True),
+        Part("base_quat", "1", 4, measured=True),
+        Part("joint_pos", "rad", joints, measured=True),
+        Part("base_linvel_b", "m/s", 3, measured=True),
+        Part("base_angvel_b", "rad/s", 3, measured=True),
+        Part("joint_vel", "rad/s", joints, measured=True),
     )
     value = np.concatenate(
         [
@@ -67,6 +69,32 @@ def proprioception(view: EnvView) -> Signal:
     )
     scale = np.repeat((0.1, 0.1, 0.3, 0.3, 1.0, 3.0), [part.size for part in parts])
     return Signal(value, scale, parts)
+
+
+@observations.register()
+def joints(view: EnvView) -> Signal:
+    """What encoders give: joint positions and rates, in the robot's order."""
+    size = view.joint_pos.shape[1]
+    parts = (Part("joint_pos", "rad", size, measured=True), Part("joint_vel", "rad/s", size, measured=True))
+    return Signal(np.concatenate([view.joint_pos, view.joint_vel], axis=1), np.repeat((0.3, 3.0), size), parts)
+
+
+@observations.register()
+def imu(view: EnvView) -> Signal:
+    """What an inertial sensor gives: the direction of gravity (3) and the angular velocity (3), in the body frame.
+
+    Neither heading nor velocity are among it.
+    """
+    gravity = quat_rotate_inverse(view.base_quat, view.down)
+    parts = (Part("gravity_b", "1", 3, measured=True), Part("base_angvel_b", "rad/s", 3, measured=True))
+    return Signal(np.concatenate([gravity, view.base_angvel_b], axis=1), np.repeat((0.1, 1.0), 3), parts)
+
+
+@observations.register()
+def last_action(view: EnvView) -> Signal:
+    """The policy's last action, which may not have reached the servos yet; 0 before the first."""
+    size = view.action.shape[1]
+    return Signal(view.action, np.full(size, 0.1), (Part("last_action", "1", size),))
 
 
 @observations.register()

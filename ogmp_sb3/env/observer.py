@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.disturbances import Disturbances
-from ogmp_sb3.env.observations import CLIP, Signal
+from ogmp_sb3.env.observations import CLIP, Part, Signal
 from ogmp_sb3.env.terms import Term, bind
 from ogmp_sb3.env.view import EnvView
 
+Sensors = Callable[[np.ndarray], np.ndarray]
 CRITIC_CLIP = 10.0  # what only the critic sees is clipped to this many typical sizes
 
 
@@ -20,11 +20,9 @@ class Observer:
     """The observation terms of a task.
 
     :param task: the task
-    :param disturbances: whose sensor noise the policy sees
     """
 
-    def __init__(self, task: TaskConfig, disturbances: Disturbances) -> None:
-        self._disturbances = disturbances
+    def __init__(self, task: TaskConfig) -> None:
         self._of_policy = bind(registry.observations, task.observations)
         self._of_critic = bind(registry.observations, task.critic_observations)
 
@@ -37,18 +35,23 @@ class Observer:
         """Typical sizes of what the policy sees, shape (size,)."""
         return np.concatenate([signal.scale for signal in _signals(self._of_policy, view).values()])
 
-    def policy(self, view: EnvView, rows: np.ndarray | None = None) -> np.ndarray:
-        """What the policy sees of some environments, as their sensors give it, shape (n, size), float32.
+    def parts(self, view: EnvView) -> list[Part]:
+        """What the policy sees, in order; a term that does not say what it is made of is one part of its name."""
+        parts: list[Part] = []
+        for name, signal in _signals(self._of_policy, view).items():
+            parts += signal.parts or (Part(name, "", signal.value.shape[1]),)
+        return parts
+
+    def policy(self, view: EnvView, sensors: Sensors | None = None) -> np.ndarray:
+        """What the policy sees of some environments, shape (n, size), float32.
 
         :param view: of these environments
-        :param rows: which they are, shape (n,), int; None: all
+        :param sensors: what they make of it; None: it is seen as it is
         """
-        values, scales = [], []
-        for name, signal in _signals(self._of_policy, view).items():
-            values.append(self._disturbances.measured(name, signal.value, signal.scale, rows))
-            scales.append(signal.scale)
-        limit = CLIP * np.concatenate(scales)
-        return _finite(np.clip(np.concatenate(values, axis=1), -limit, limit))
+        signals = _signals(self._of_policy, view).values()
+        values = np.concatenate([signal.value for signal in signals], axis=1)
+        limit = CLIP * np.concatenate([signal.scale for signal in signals])
+        return _finite(np.clip(values if sensors is None else sensors(values), -limit, limit))
 
     def critic(self, view: EnvView) -> np.ndarray:
         """What only the critic sees, if it does, exactly and in typical sizes, shape (n, size), float32."""

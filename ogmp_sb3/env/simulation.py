@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,6 +21,8 @@ from ogmp_sb3.guidance.terrain import geom_boxes
 # directory.
 _QUIET = mujoco.MjLogConfig()
 _QUIET.logto_console = _QUIET.logto_file = False
+GRAVITY = "opt.gravity"
+SETS_CONSTANTS = frozenset(mujoco.MjModel._setconst_inputs)  # fields that others follow from
 
 
 class Simulation:
@@ -50,11 +54,16 @@ class Simulation:
         self.joint_qpos = np.array([model.joint(name).qposadr[0] for name in robot.joints])
         self.joint_qvel = np.array([model.joint(name).dofadr[0] for name in robot.joints])
         self.servos = read_servos(model, robot)
-        self.gain_factor = np.ones((num_envs, 1))  # on both gains, see vary
+        self.gain_factor = np.ones((num_envs, len(robot.joints)))  # on both gains, see vary
+        self._base, self._force = model.body(robot.base).id, np.zeros((num_envs, 3))  # on the base, see vary
+        self._applied = self.mj.bind("xfrc_applied")
+        self.down = np.tile(_direction(model.opt.gravity), (num_envs, 1))
+        """direction of gravity, shape (num_envs, 3)"""
         self._body_contacts = body_contact_addresses(model, robot)
 
         self._first_box = model.geom("terrain_0").id
         self._boxes = slice(self._first_box, self._first_box + terrain_boxes)
+        self._raised = np.zeros((num_envs, terrain_boxes))  # how much higher the boxes are, see vary
         self._geom_pos = self.mj.expand("geom_pos")
         self._geom_size = self.mj.expand("geom_size")
         self._geom_rbound = self.mj.expand("geom_rbound")
@@ -64,6 +73,12 @@ class Simulation:
         """states, with their controls, as they were before the last step, shape (num_envs, size)"""
         self.events = NOTHING, NOTHING
         """joint targets and kicks of the last step, as :meth:`step` took them"""
+        self.substeps: int | np.ndarray = 0
+        """physics steps of the last step, as :meth:`step` took them"""
+        self.sensed_at: np.ndarray | None = None
+        """behind which of them :attr:`sensed` was read, shape (num_envs,), int; None: it was not"""
+        self.sensed = {"qpos": self.qpos.copy(), "qvel": self.qvel.copy()}
+        """positions and velocities when :meth:`step` was told to read them"""
 
     def set_terrain(self, rows: np.ndarray, terrain: np.ndarray) -> None:
         """Move the boxes of some simulations.
@@ -72,39 +87,32 @@ class Simulation:
         :param terrain: shape (n, boxes, 5)
         """
         centre, half = geom_boxes(terrain)
+        centre[..., 2] += self._raised[rows]
         self._geom_pos[rows, self._boxes] = centre
         self._geom_size[rows, self._boxes] = half
         self._geom_rbound[rows, self._boxes] = np.linalg.norm(half, axis=-1)
 
-    def vary(
-        self,
-        rows: np.ndarray,
-        mass: np.ndarray | None = None,
-        friction: np.ndarray | None = None,
-        gains: np.ndarray | None = None,
-    ) -> None:
-        """Change the robots of some simulations; what is None is left alone, and so is a robot whose number is nan.
+    def vary(self, rows: np.ndarray, varied: Mapping[str, np.ndarray]) -> None:
+        """Change the robots of some simulations.
 
         :param rows: simulations, shape (n,), int
-        :param mass: factor on mass and inertia of every body, shape (n,)
-        :param friction: sliding friction coefficient of every geom, shape (n,)
-        :param gains: factor on kp and kd of every servo, shape (n,)
+        :param varied: factors on kp and kd of the servos, ``gains`` (n, joints); a steady force on the base, ``force``
+            (n, 3), N; how much higher each box is than :meth:`set_terrain` says, ``ground`` (n, boxes), m; anything
+            else is a field of the model, shapes (n, ...)
         """
-        model, mj = self.model, self.mj
-        some, mass = _numbered(rows, mass)
-        if len(some):
-            mj.expand("body_mass")[some] = mass[:, None] * model.body_mass
-            mj.expand("body_inertia")[some] = mass[:, None, None] * model.body_inertia
-            mj.set_const(some)
-        some, friction = _numbered(rows, friction)
-        if len(some):
-            mj.expand("geom_friction")[some, :, 0] = friction[:, None]
-        some, gains = _numbered(rows, gains)
-        if len(some):
-            self.gain_factor[some] = gains[:, None]
-            ids = self.servos.ids
+        model, ids, fields = self.model, self.servos.ids, dict(varied)
+        if "gains" in fields:
+            self.gain_factor[rows] = gains = fields.pop("gains")
             for name in ("actuator_gainprm", "actuator_biasprm"):
-                mj.expand(name)[some[:, None], ids] = gains[:, None, None] * getattr(model, name)[ids]
+                self.mj.expand(name)[rows[:, None], ids] = gains[..., None] * getattr(model, name)[ids]
+        self._force[rows] = fields.pop("force", 0.0)
+        self._raised[rows] = fields.pop("ground", 0.0)
+        for name, values in fields.items():
+            self.mj.expand(name)[rows] = values
+        if GRAVITY in fields:
+            self.down[rows] = _direction(fields[GRAVITY])
+        if any(name in SETS_CONSTANTS or name.startswith("opt.") for name in fields):
+            self.mj.set_const(rows)
 
     def push(self, rows: np.ndarray, velocity: np.ndarray) -> None:
         """Change the horizontal velocity of some robots at once.
@@ -140,8 +148,15 @@ class Simulation:
         self.set_targets(joint_pos, rows)
         filtered = self.servos.act >= 0
         self._act[rows[:, None], self.servos.act[filtered]] = (joint_pos * self.servos.gear)[..., filtered]
+        self.apply_force(rows)
+        for name in ("qpos", "qvel"):
+            self.sensed[name][rows] = getattr(self, name)[rows]
         self._warnings_seen[rows] = self._warning_counts()[rows]
         self._failed[rows] = False
+
+    def apply_force(self, rows: np.ndarray) -> None:
+        """Let the steady force of :meth:`vary` act on the base of some robots; :meth:`place` does so too."""
+        self._applied[rows, self._base, :3] = self._force[rows]
 
     def set_targets(self, joint_pos: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Tell the servos where to go.
@@ -152,24 +167,37 @@ class Simulation:
         rows = np.arange(len(self.ctrl)) if rows is None else rows
         self.ctrl[rows[:, None], self.servos.ctrl] = joint_pos * self.servos.gear
 
-    def step(self, rows: np.ndarray | None, substeps: int, targets: Events = NOTHING, kicks: Events = NOTHING) -> None:
+    def step(
+        self,
+        rows: np.ndarray | None,
+        substeps: int | np.ndarray,
+        targets: Events = NOTHING,
+        kicks: Events = NOTHING,
+        sensed_at: np.ndarray | None = None,
+    ) -> None:
         """Advance simulations by physics steps, in one call from each event to the next.
 
         :param rows: which, or None for all
-        :param substeps: physics steps
+        :param substeps: physics steps, one number or shape (num_envs,)
         :param targets: joint targets that reach the servos, rad
         :param kicks: changes of the base's horizontal velocity, world frame, m/s
+        :param sensed_at: behind which physics step :attr:`sensed` is read, shape (num_envs,), int; None: it is not
         """
-        self.events = targets, kicks
+        self.events, self.substeps, self.sensed_at = (targets, kicks), substeps, sensed_at
         self._receive(0)
         np.copyto(self.before, self.mj.state)
+        self._read(0)
+        most = int(np.max(substeps))
+        stops = {0, *targets.at.tolist(), *kicks.at.tolist(), *np.ravel(substeps).tolist()}
+        stops |= set() if sensed_at is None else set(sensed_at.tolist())
         logging = mujoco.MjLogConfig.get()
         _QUIET.set()
         try:
-            for begin, end in pairwise(sorted({0, *targets.at.tolist(), *kicks.at.tolist(), substeps})):
+            for begin, end in pairwise(sorted(stop for stop in stops if 0 <= stop <= most)):
                 if begin > 0:
                     self._receive(begin)
-                self._run(rows, end - begin)
+                self._run(rows if np.ndim(substeps) == 0 else _still_running(rows, substeps, begin), end - begin)
+                self._read(end)
         finally:
             logging.set()
 
@@ -183,7 +211,15 @@ class Simulation:
         if len(rows):
             self.push(rows, values)
 
+    def _read(self, at: int) -> None:
+        """Read the sensors that are read behind a physics step."""
+        if self.sensed_at is not None:
+            rows = np.flatnonzero(self.sensed_at == at)
+            self.sensed["qpos"][rows], self.sensed["qvel"][rows] = self.qpos[rows], self.qvel[rows]
+
     def _run(self, rows: np.ndarray | None, substeps: int) -> None:
+        if rows is not None and not len(rows):
+            return
         try:
             self.mj.step(rows, substeps)
         except SimulationError as error:
@@ -227,8 +263,15 @@ class Simulation:
         return counts
 
 
-def _numbered(rows: np.ndarray, values: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """The rows whose value is a number, and these values; of no values, none."""
-    values = np.full(len(rows), np.nan) if values is None else values
-    numbers = ~np.isnan(values)
-    return rows[numbers], values[numbers]
+def _direction(vectors: np.ndarray) -> np.ndarray:
+    """Vectors at length 1; where there is no gravity, 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    directions: np.ndarray = vectors / np.where(length > 0.0, length, 1.0)
+    return directions
+
+
+def _still_running(rows: np.ndarray | None, substeps: Any, begun: int) -> np.ndarray:
+    """Those of the rows, or of all, that go on behind a number of physics steps."""
+    rows = np.arange(len(substeps)) if rows is None else rows
+    running: np.ndarray = rows[substeps[rows] > begun]
+    return running

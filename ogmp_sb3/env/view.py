@@ -28,6 +28,10 @@ class EnvView:
     """shape (num_envs, joints), rad"""
     joint_vel: np.ndarray
     """shape (num_envs, joints), rad/s"""
+    down: np.ndarray
+    """direction of gravity, shape (num_envs, 3); it leans where the ground is said to be a slope"""
+    action: np.ndarray
+    """the last action, in -1 to 1, shape (num_envs, joints); 0 before the first"""
     torque: np.ndarray
     """PD torque before the limits, shape (num_envs, joints), N m"""
     body_contact: np.ndarray

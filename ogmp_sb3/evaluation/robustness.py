@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config.ranges import Range
+from ogmp_sb3.config import registry
+from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.variation import MAX_LATENCY, PushConfig, RandomisationConfig
 from ogmp_sb3.env.agent import AnyPolicy
 from ogmp_sb3.env.ground_contacts import foot_geoms
 from ogmp_sb3.env.robot_model import build_model
@@ -20,79 +21,111 @@ from ogmp_sb3.evaluation.metrics import no_fall_fraction
 from ogmp_sb3.evaluation.statistics import Estimate, estimate
 
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0)  # 0: no disturbance, 1: the ends of the range
-LATENCY_SIZES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5)  # finer: a few milliseconds decide
+DELAY_SIZES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5)  # finer: a few milliseconds decide
 LEAST = 0.05  # of factors and of friction
-DEFAULT = RandomisationConfig(
-    mass=Range(0.9, 1.1),
-    friction=Range(0.5, 1.2),
-    gains=Range(0.9, 1.1),
-    latency=Range(0.0, 0.02),
-    sensor_noise=Range(0.0, 0.1),
-    push=PushConfig(speed=Range(0.0, 0.3)),
-)
+DEFAULT: ModeRanges = {
+    "mass": {"scale": Range(0.9, 1.1)},
+    "friction": {"coefficient": Range(0.5, 1.2)},
+    "gains": {"scale": Range(0.9, 1.1)},
+    "motor_strength": {"scale": Range(0.85, 1.15)},
+    "action_delay": {"delay": Range(0.0, 0.02)},
+    "sensor_noise": {"scale": Range(0.0, 0.1)},
+    "push": {"speed": Range(0.0, 0.3)},
+    "slope": {"pitch": Range(-0.05, 0.05)},
+    "rough_ground": {"height": Range(0.0, 0.01)},
+}
 """Ranges of what a task does not declare."""
+LABELS = {
+    "mass": "factor on mass",
+    "friction": "friction coefficient",
+    "gains": "factor on kp and kd",
+    "motor_strength": "factor on motor strength",
+    "action_delay": "delay of actions (s)",
+    "sensor_delay": "age of observations (s)",
+    "sensor_noise": "sensor noise (scales)",
+    "push": "push (m/s)",
+    "slope": "rise of the track (rad)",
+    "rough_ground": "unseen height of boxes (m)",
+    "wind": "wind (N)",
+    "payload": "payload (kg)",
+    "joint_offset": "offset of joints (rad)",
+}
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Sweep:
     """One disturbance and its sizes."""
 
     name: str
-    """key of the task file"""
-    label: str
-    """what it is, with its unit"""
-    none: float
-    """where there is no disturbance"""
-    range: Range
-    """the task's, or the default"""
+    """of the randomisation term"""
+    ranges: dict[str, Range]
+    """of its parameters: the task's, or the defaults"""
+    none: dict[str, float]
+    """their values where there is no disturbance"""
     declared: bool
-    """whether the range is the task's"""
-    push_every: float
-    """time between pushes, s"""
+    """whether the ranges are the task's"""
     physics_dt: float
-    """physics step, to which latency is rounded, s"""
+    """physics step, to which delays are rounded, s"""
 
     @property
-    def values(self) -> np.ndarray:
-        """Every size, towards both ends of the range; ascending."""
-        reach = np.array([min(self.range.low - self.none, 0.0), max(self.range.high - self.none, 0.0)])
-        if self.name == "latency":
-            steps = np.rint(np.outer(LATENCY_SIZES, reach) / self.physics_dt)
-            return np.unique(np.minimum(steps * self.physics_dt, MAX_LATENCY).round(9))
-        values = self.none + np.outer(SIZES, reach).ravel()
-        return np.unique(np.maximum(values, min(LEAST, self.none)).round(4))
+    def main(self) -> str:
+        """The parameter that the sizes are told by: the first one that disturbs."""
+        return next((key for key in self.ranges if self._reach(key) != (0.0, 0.0)), next(iter(self.ranges)))
 
-    def randomisation(self, value: float) -> RandomisationConfig:
-        """This disturbance at a size, and no other."""
-        fixed: Any = Range(value, value)
-        if self.name == "push":
-            fixed = PushConfig(every=self.push_every, speed=fixed)
-        return replace(RandomisationConfig(), **{self.name: fixed})
+    @property
+    def label(self) -> str:
+        """What it is, with its unit."""
+        return LABELS.get(self.name, f"{self.name}: {self.main}")
+
+    @property
+    def points(self) -> dict[float, dict[str, float]]:
+        """The parameters at every size, towards both ends of the ranges, by the value of the main one; ascending."""
+        sizes = DELAY_SIZES if self.main == "delay" else SIZES
+        points = {}
+        for end in (0, 1):
+            for size in sizes if self._reach(self.main)[end] else ():
+                parameters = {key: self._value(key, size * self._reach(key)[end]) for key in self.ranges}
+                points[parameters[self.main]] = parameters
+        points.setdefault(self._value(self.main, 0.0), {key: self._value(key, 0.0) for key in self.ranges})
+        return dict(sorted(points.items()))
+
+    def _reach(self, key: str) -> tuple[float, float]:
+        """How far the range of a parameter goes below and above its value without a disturbance."""
+        range_, none = self.ranges[key], self.none[key]
+        return min(range_.low - none, 0.0), max(range_.high - none, 0.0)
+
+    def _value(self, key: str, change: float) -> float:
+        least, most = registry.randomisations.limits(self.name).get(key, (-math.inf, math.inf))
+        none = self.none[key]
+        value = min(max(none + change, least, LEAST if none > LEAST else -math.inf), most)
+        if key == "delay":
+            value = round(value / self.physics_dt) * self.physics_dt
+        return float(round(value, 9 if key == "delay" else 4))
 
 
-def task_disturbances(task: TaskConfig) -> list[Disturbance]:
-    """Every disturbance; noise only where there is an observation that has it.
+def task_disturbances(task: TaskConfig) -> list[Sweep]:
+    """Every disturbance that the task declares or that is played of all tasks, in the order of the latter.
 
     :param task: as in training
     """
-    declared = task.randomisation or RandomisationConfig()
-    every = (declared.push or DEFAULT.push).every  # type: ignore[union-attr]
-    disturbances = []
-    for name, label, none in (
-        ("mass", "factor on mass", 1.0),
-        ("friction", "friction coefficient", _friction(task)),
-        ("gains", "factor on kp and kd", 1.0),
-        ("latency", "latency (s)", 0.0),
-        ("sensor_noise", "sensor noise (scales)", 0.0),
-        ("push", f"push (m/s, every {every:g} s)", 0.0),
-    ):
-        if name == "sensor_noise" and task.observations.get("proprioception") is None:
-            continue
-        own = getattr(declared, name)
-        values = own or getattr(DEFAULT, name)
-        range_ = values.speed if isinstance(values, PushConfig) else values
-        disturbances.append(Disturbance(name, label, none, range_, own is not None, every, task.physics_dt))
-    return disturbances
+    measures = task.observations.get("proprioception") is not None
+    names = [name for name in DEFAULT if name != "sensor_noise" or measures]
+    return [
+        Sweep(name, ranges, _none(task, name, ranges), name in task.randomised, task.physics_dt)
+        for name in dict.fromkeys([*names, *task.randomised])
+        if (ranges := task.randomised.get(name) or DEFAULT.get(name))
+    ]
+
+
+def _none(task: TaskConfig, name: str, ranges: dict[str, Range]) -> dict[str, float]:
+    """The values of parameters where nothing is disturbed: their defaults, and the robot's own friction."""
+    parameters = registry.randomisations.parameters(name)
+    none = {key: parameters[key].default for key in ranges}
+    robots = {"friction": _friction} if None in none.values() else {}
+    return {
+        key: float(value) if isinstance(value, int | float) else robots.get(name, lambda _, r=ranges[key]: r.low)(task)
+        for key, value in none.items()
+    }
 
 
 def _friction(task: TaskConfig) -> float:
@@ -104,13 +137,13 @@ def _friction(task: TaskConfig) -> float:
     return float(np.where(priority < 0, ground.friction[0], both).max())
 
 
-def episode_sets(disturbances: list[Disturbance]) -> int:
+def episode_sets(disturbances: list[Sweep]) -> int:
     """How many sets of episodes disturbances take; that without one is played once."""
-    return 1 + sum(len(disturbance.values) - 1 for disturbance in disturbances)
+    return 1 + sum(len(disturbance.points) - 1 for disturbance in disturbances)
 
 
 def play_disturbed(
-    disturbances: list[Disturbance],
+    disturbances: list[Sweep],
     policy: AnyPolicy,
     task: TaskConfig,
     episodes: int,
@@ -125,23 +158,32 @@ def play_disturbed(
     :param episodes: at each size, on the same tracks; the rest as for
         :func:`~ogmp_sb3.evaluation.episodes.play_episodes`
     """
-
-    sizes = [(each, value) for each in disturbances for value in each.values.tolist() if value != each.none]
-    tasks = [replace(task, randomisation=each.randomisation(value)) for each, value in sizes]
+    sizes = [
+        (each.name, value, parameters)
+        for each in disturbances
+        for value, parameters in each.points.items()
+        if parameters != {key: each.none[key] for key in parameters}
+    ]
+    tasks = [replace(task, randomisation={name: fixed(parameters)}) for name, _, parameters in sizes]
     played = play_sets(policy, [replace(task, randomisation=None), *tasks], episodes, seed, max_distance, progress)
     undisturbed, *fractions = (
         estimate(no_fall_fraction(record) for record in distinct(records)).as_data() for records in played
     )
-    found = {(each.name, value): fraction for (each, value), fraction in zip(sizes, fractions, strict=True)}
+    found = {(name, value): fraction for (name, value, _), fraction in zip(sizes, fractions, strict=True)}
     results = []
     for each in disturbances:
         points = [
-            {"value": value, "no_fall_fraction": found.get((each.name, value), undisturbed)}
-            for value in each.values.tolist()
+            {"value": value, "no_fall_fraction": found.get((each.name, value), undisturbed)} for value in each.points
         ]
-        declared = [each.range.low, each.range.high] if each.declared else None
+        range_ = each.ranges[each.main]
+        declared = [range_.low, range_.high] if each.declared else None
         results.append({"disturbance": each.name, "label": each.label, "declared": declared, "points": points})
     return results
+
+
+def fixed(parameters: dict[str, float]) -> dict[str, Range]:
+    """Parameters of a term that are not drawn."""
+    return {key: Range(value, value) for key, value in parameters.items()}
 
 
 def count_sets(request: Request) -> int:

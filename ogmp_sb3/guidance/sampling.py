@@ -102,7 +102,7 @@ class ModeSampler:
             entry = sequence[index % len(sequence) if self._order.repeat == "all" else min(index, len(sequence) - 1)]
             name, own = entry.mode, {key: (range_, range_) for key, range_ in entry.ranges.items()}
         parameters = {**self._parameters[name], **own}
-        return ModeCall(name, {key: _draw(*ranges, level, rng) for key, ranges in parameters.items()})
+        return ModeCall(name, {key: draw_between(*ranges, level, rng) for key, ranges in parameters.items()})
 
 
 def corner_segments(task: TaskConfig) -> Iterator[Segment]:
@@ -145,10 +145,15 @@ def _check_segment(what: str, segment: Segment, call: ModeCall) -> None:
 
 def draw_parameters(ranges: dict[str, Range], rng: np.random.Generator) -> dict[str, float | str]:
     """Uniform parameters of one mode."""
-    return {key: _draw(range_, range_, 1.0, rng) for key, range_ in ranges.items()}
+    return {key: draw_between(range_, range_, 1.0, rng) for key, range_ in ranges.items()}
 
 
-def _draw(start: Range, full: Range, level: float, rng: np.random.Generator) -> float | str:
+def draw_between(start: Range, full: Range, level: float, rng: np.random.Generator) -> float | str:
+    """A value of a parameter at a curriculum level.
+
+    :param start: what is drawn at level 0
+    :param full: at level 1
+    """
     if full.words:
         return full.words[int(rng.integers(len(full.words)))]
     low, high = start.low + level * (full.low - start.low), start.high + level * (full.high - start.high)

@@ -14,17 +14,16 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.events import Events, no_events
+from ogmp_sb3.env.events import Events
 from ogmp_sb3.env.failed_step import UnstableStep
 from ogmp_sb3.runs.atomic import replacing
 from ogmp_sb3.runs.robot_copy import own_robot, read_record
 
 FOLDER = "unstable"  # in a run directory
 MOST = 20  # files in it
-FORMAT = 2
-WITHOUT_EVENTS = 1  # the format before it: all that reached a robot did so at the start of a control step
+FORMAT = 3
 KEY = "ogmp"  # of the plain data in a file
-VARIED = ("mass", "friction", "gains")
+VARIED = "varied."  # in front of the names of what was varied
 
 
 def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
@@ -36,7 +35,8 @@ def save_step(step: UnstableStep, path: Path, **info: Any) -> None:
     arrays = {"state": step.state, "terrain": step.terrain, "action": step.action}
     for name, events in (("targets", step.targets), ("kicks", step.kicks)):
         arrays |= {name: events.values, f"{name}_at": events.at}
-    plain = {"format": FORMAT, **step.info, "varied": step.varied, **info}
+    arrays |= {VARIED + name: values for name, values in step.varied.items()}
+    plain = {"format": FORMAT, **step.info, "substeps": step.substeps, **info}
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:
         file.write_bytes(save(arrays, {KEY: json.dumps(plain)}))
@@ -52,22 +52,21 @@ def load_step(path: Path) -> tuple[UnstableStep, TaskConfig]:
             plain = json.loads((file.metadata() or {})[KEY])
             arrays = {name: file.get_tensor(name) for name in file.keys()}
         where = Where(str(path))
-        if read(int, plain["format"], where / "format") not in (WITHOUT_EVENTS, FORMAT):
+        if read(int, plain["format"], where / "format") != FORMAT:
             raise ValueError(f"format {plain['format']}, expected {FORMAT}")
         task_data = read(dict[str, Any], plain["task"], where / "task")
         task_file = Path(read(str, plain["task_file"], where / "task_file"))
         own = own_robot(read_record(plain, where), path.parent.parent)
         task = task_from_data(task_data if own is None else {**task_data, "robot": str(own)}, task_file)
         read(dict[str, str], plain.get("versions", {}), where / "versions")
-        varied = {name: read(float, plain["varied"][name], where / name) for name in VARIED if name in plain["varied"]}
-        with_events = plain["format"] == FORMAT
         return UnstableStep(
             state=arrays["state"],
             terrain=arrays["terrain"],
             action=arrays["action"],
-            targets=_events(arrays, "targets") if with_events else no_events(len(task.robot_config.joints)),
-            kicks=_events(arrays, "kicks") if with_events else no_events(2),
-            varied=varied,
+            targets=_events(arrays, "targets"),
+            kicks=_events(arrays, "kicks"),
+            varied={name.removeprefix(VARIED): values for name, values in arrays.items() if name.startswith(VARIED)},
+            substeps=read(int, plain["substeps"], where / "substeps"),
             info=plain,
         ), task
     except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:

@@ -48,10 +48,10 @@ def test_keys_that_do_not_go_together_are_refused(keys: dict[str, Any], sentence
 def test_robustness_decides_on_the_disturbances_of_the_test_and_uses_those_of_the_training() -> None:
     loaded, config = load_policy("parkour"), EvalConfig(run="parkour", robustness=True)
     with pytest.raises(ValueError, match="'robustness' disturbs one thing at a time; its ranges are 'randomisation'"):
-        training_task(loaded, ["evaluation.randomisation.mass=1.1"], config)
-    assert training_task(loaded, ["randomisation.mass=1.1"], config).randomisation is not None
+        training_task(loaded, ["evaluation.randomisation.mass.scale=1.1"], config)
+    assert training_task(loaded, ["randomisation.mass.scale=1.1"], config).randomisation is not None
     with pytest.raises(ValueError, match="randomisation"):
-        training_task(loaded, ["randomisation.mass=1.1"], EvalConfig(run="parkour"))
+        training_task(loaded, ["randomisation.mass.scale=1.1"], EvalConfig(run="parkour"))
 
 
 def test_the_endless_protocol_has_neither_an_end_nor_a_share_of_the_time_and_is_not_for_timed_modes() -> None:

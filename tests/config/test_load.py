@@ -42,11 +42,6 @@ def test_a_curriculum_moves_only_what_the_task_gives_a_value(tmp_path: Path) -> 
     assert "'curriculum.modes.leap.run_up' needs 'modes.leap.run_up' too" in message
 
 
-def test_noise_on_an_observation_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    data = put(put(SHIPPED["dive"], "randomisation", {"sensor_noise": 0.1}), "observations.proprioception", None)
-    assert "'randomisation.sensor_noise' disturbs 'proprioception'" in sentence(ValueError, write(tmp_path, data))
-
-
 REQUIRED = [f.name for f in dataclasses.fields(TaskConfig) if f.default is f.default_factory is dataclasses.MISSING]
 
 

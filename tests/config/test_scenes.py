@@ -45,7 +45,9 @@ def test_a_key_for_training_alone_is_refused_within_a_mapping_too() -> None:
 
 
 def test_a_test_of_robustness_uses_the_disturbances_of_the_training() -> None:
-    assert parkour("randomisation.mass=1.2", used=("randomisation",)).randomisation.mass == Range(1.2, 1.2)
+    assert parkour("randomisation.mass.scale=1.2", used=("randomisation",)).randomised["mass"]["scale"] == Range(
+        1.2, 1.2
+    )
 
 
 def test_a_scene_of_one_s_own_is_read_from_its_file(tmp_path) -> None:

@@ -182,7 +182,7 @@ def test_actions_beyond_one_are_those_of_one(name: str) -> None:
 @pytest.mark.parametrize("servo", ['kp="0.3" kv="0.005" gear="10"', 'kp="7.5" kv="0.125" gear="-2"'])
 def test_gears_of_servos_change_nothing(servo: str, tmp_path: Path) -> None:
     """Neither control, reward nor gains that vary; the limits of the actuators are the joints' over the gear."""
-    task = load_task("dive", {"randomisation": {"gains": [0.8, 1.2]}, "rho": None})
+    task = load_task("dive", {"randomisation": {"gains": {"scale": [0.8, 1.2]}}, "rho": None})
     robot, gear = task.robot_config, abs(float(servo.split('"')[-2]))
     mjcf = robot.mjcf_path.read_text(encoding="utf-8")
     for found, written in (

@@ -40,7 +40,9 @@ def test_a_replay_repeats_targets_and_kicks_that_came_on_the_way(latency: float,
         "Simulation",
         lambda *args, **given: replayed.append(Simulation(*args, **given)) or replayed[0],
     )
-    task = load_task("parkour", {"randomisation": {"latency": latency, "push": {"every": 0.014, "speed": 0.3}}})
+    task = load_task(
+        "parkour", {"randomisation": {"action_delay": {"delay": latency}, "push": {"every": 0.014, "speed": 0.3}}}
+    )
     env = env_module.BatchEnv(task, 3, seed=4, threads=1)
     env.reset()
     for command in actions(4, 3):

@@ -157,7 +157,10 @@ def test_tracks_are_the_same_with_and_without(name: str) -> None:
 
 
 def test_disturbances_are_the_same_with_and_without() -> None:
-    friction = {"randomisation.friction": [0.5, 1.5], "randomisation.push": {"every": 0.3, "speed": [0.1, 0.5]}}
+    friction = {
+        "randomisation.friction.coefficient": [0.5, 1.5],
+        "randomisation.push": {"every": 0.3, "speed": [0.1, 0.5]},
+    }
     first, second = (
         BatchEnv(load_task("parkour", {**friction, "initial": initial}), 3, SEED, threads=1)
         for initial in (None, SMALL)

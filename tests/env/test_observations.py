@@ -5,7 +5,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.views import make_view
-from ogmp_sb3.env.observations import DEEPEST, clock, commanded_speed, height_scan, proprioception, reference_error
+from ogmp_sb3.config.load import load_task
+from ogmp_sb3.env.batch_env import BatchEnv
+from ogmp_sb3.env.observations import (
+    DEEPEST,
+    clock,
+    commanded_speed,
+    height_scan,
+    imu,
+    joints,
+    last_action,
+    proprioception,
+    reference_error,
+)
 from ogmp_sb3.guidance.terrain import NOTHING, empty_terrain
 
 HEIGHT, QUAT, JOINTS, LINVEL, ANGVEL, RATES = (
@@ -165,3 +177,40 @@ def test_the_commanded_speed_is_a_number_in_metres_a_second() -> None:
     signal = commanded_speed(make_view(2, commanded_speed=np.array([0.6, 1.8])))
     assert signal.value.tolist() == [[0.6], [1.8]]
     assert [(part.name, part.unit, part.size) for part in signal.parts] == [("commanded_speed", "m/s", 1)]
+
+
+def test_an_imu_feels_gravity_in_its_own_axes_whatever_the_heading() -> None:
+    rolled = wxyz(Rotation.from_euler("xyz", [[np.pi / 2, 0, 0], [np.pi / 2, 0, 0]]))
+    turned = wxyz(Rotation.from_euler("z", [0.0, 1.0]) * Rotation.from_quat(rolled[:, [1, 2, 3, 0]]))
+    rates = np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
+    signal = imu(make_view(2, base_quat=turned, base_angvel_b=rates))
+    np.testing.assert_allclose(signal.value[:, :3], [[0, -1, 0]] * 2, atol=1e-12)  # left side up: right is down
+    np.testing.assert_array_equal(signal.value[:, 3:], rates)
+    assert [part.name for part in signal.parts] == ["gravity_b", "base_angvel_b"]
+
+
+def test_an_imu_on_a_slope_feels_it() -> None:
+    leaning = np.array([[-0.6, 0.0, -0.8]])
+    np.testing.assert_allclose(imu(make_view(1, down=leaning)).value[0, :3], leaning[0], atol=1e-12)
+
+
+def test_encoders_give_positions_then_rates_and_nothing_of_the_base() -> None:
+    rng = np.random.default_rng(0)
+    position, rate = rng.normal(size=(2, 3, 10))
+    signal = joints(make_view(3, joint_pos=position, joint_vel=rate))
+    np.testing.assert_array_equal(signal.value, np.concatenate([position, rate], axis=1))
+    assert [(part.name, part.size, part.measured) for part in signal.parts] == [
+        ("joint_pos", 10, True),
+        ("joint_vel", 10, True),
+    ]
+
+
+def test_the_last_action_is_the_one_given_even_if_it_is_late() -> None:
+    others = ("proprioception", "clock", "mode_latent", "height_scan")
+    keys = {f"observations.{name}": None for name in others} | {"observations.last_action": {}, "curriculum": None}
+    env = BatchEnv(load_task("parkour", {**keys, "randomisation.action_delay.delay": 0.04}), 2, 0, threads=1)
+    assert not env.reset().any()
+    actions = np.linspace(-2.0, 2.0, 20).reshape(2, 10)
+    np.testing.assert_allclose(env.step(actions).observation, np.clip(actions, -1.0, 1.0), atol=1e-7)
+    assert not env.reset(np.array([0])).any()
+    assert last_action(env.view()).value[1].any()

@@ -138,7 +138,11 @@ def test_seeding_forgets() -> None:
 )
 def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str, horizon: int | None, latency: Any) -> None:
     """With a horizon of 5, every moment is one at which the oracle is asked; with latency, targets are under way."""
-    overrides = {"curriculum": None, "restarts": {**DECLARED, "fraction": 0.99}, "randomisation.latency": latency}
+    overrides = {
+        "curriculum": None,
+        "restarts": {**DECLARED, "fraction": 0.99},
+        "randomisation.action_delay.delay": latency,
+    }
     declared = replace(load_task(name, overrides), horizon=horizon)
     env, commands = BatchEnv(declared, 1, SEED, threads=1), actions(2000, 1, scale=0.1)
     observation, first, begun = env.reset(), [], 0

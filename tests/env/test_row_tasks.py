@@ -16,13 +16,22 @@ from ogmp_sb3.env.row_tasks import common_task
 OFF = {"curriculum": None, "restarts": None, "episode_steps": 30}
 PARKOUR = [
     {"sampling.weights": {"pace": 0.0, "jump": 1.0, "leap": 0.0}, "modes.jump.w": [0.05, 0.1], "track.boxes": 40},
-    {"modes.pace.v": 4.0, "randomisation": {"mass": [0.5, 1.5], "push": {"every": 0.1, "speed": [0.5, 2.0]}}},
-    {"randomisation": {"latency": [0.0, 0.07], "sensor_noise": 0.1}},
-    {"randomisation": {"friction": 0.2, "gains": [0.5, 1.5], "push": {"every": 0.25, "speed": 1.0}}},
-    {"modes.leap.d": 0.7, "randomisation": {"latency": 0.011}},
+    {
+        "modes.pace.v": 4.0,
+        "randomisation": {"mass": {"scale": [0.5, 1.5]}, "push": {"every": 0.1, "speed": [0.5, 2.0]}},
+    },
+    {"randomisation": {"action_delay": {"delay": [0.0, 0.07]}, "sensor_noise": {"scale": 0.1}}},
+    {
+        "randomisation": {
+            "friction": {"coefficient": 0.2},
+            "gains": {"scale": [0.5, 1.5]},
+            "push": {"every": 0.25, "speed": 1.0},
+        }
+    },
+    {"modes.leap.d": 0.7, "randomisation": {"action_delay": {"delay": 0.011}}},
     {},
 ]
-DIVE = [{"modes.flip.h": 1.0}, {"modes.flip.h": [1.2, 1.4], "modes.flip.r": "back"}, {"randomisation.mass": 1.4}]
+DIVE = [{"modes.flip.h": 1.0}, {"modes.flip.h": [1.2, 1.4], "modes.flip.r": "back"}, {"randomisation.mass.scale": 1.4}]
 
 
 def tasks(name: str, differences: list[dict[str, Any]]) -> list[TaskConfig]:

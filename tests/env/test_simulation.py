@@ -224,9 +224,15 @@ def test_threads_change_nothing_bit_for_bit() -> None:
 # ---- robots of one's own ----
 
 
+def masses(sim: Simulation, *factors: float) -> dict[str, np.ndarray]:
+    """Mass and inertia of all bodies times a factor for each row."""
+    fields = {name: getattr(sim.model, name) for name in ("body_mass", "body_inertia")}
+    return {name: np.stack([factor * values for factor in factors]) for name, values in fields.items()}
+
+
 def test_a_heavier_robot_is_the_one_that_mujoco_makes_of_heavier_bodies() -> None:
     sim = simulation(3)
-    sim.vary(np.array([0, 2]), mass=np.array([0.5, 1.3]))
+    sim.vary(np.array([0, 2]), masses(sim, 0.5, 1.3))
     for row, factor in enumerate((0.5, 1.0, 1.3)):
         model = build_model(HECTOR, PHYSICS_DT, BOXES)
         model.body_mass *= factor
@@ -239,7 +245,7 @@ def test_a_heavier_robot_is_the_one_that_mujoco_makes_of_heavier_bodies() -> Non
 
 def test_the_ground_carries_the_weight_of_a_heavier_robot() -> None:
     sim = simulation(2)
-    sim.vary(np.arange(2), mass=np.array([1.0, 1.5]))
+    sim.vary(np.arange(2), masses(sim, 1.0, 1.5))
     put(sim, [[0, 0, 0.5]] * 2)
     sim.step(None, 1500)
     for row, factor in enumerate((1.0, 1.5)):
@@ -250,7 +256,9 @@ def test_the_ground_carries_the_weight_of_a_heavier_robot() -> None:
 
 def test_friction_is_that_of_every_contact_of_its_row() -> None:
     sim = simulation(2)
-    sim.vary(np.array([1]), friction=np.array([0.35]))
+    friction = sim.model.geom_friction.copy()
+    friction[:, 0] = 0.35
+    sim.vary(np.array([1]), {"geom_friction": friction[None]})
     put(sim, [[0, 0, 0.5]] * 2)
     sim.step(None, 50)
     for row, friction in enumerate((1.0, 0.35)):
@@ -262,7 +270,7 @@ def test_friction_is_that_of_every_contact_of_its_row() -> None:
 
 def test_torques_are_those_of_the_servos_with_their_gains() -> None:
     sim = simulation(3)
-    sim.vary(np.array([0, 2]), gains=np.array([0.5, 1.4]))
+    sim.vary(np.array([0, 2]), {"gains": np.repeat([[0.5], [1.4]], 10, axis=1)})
     put(sim, [[0, 0, 3.0]] * 3)
     rng = np.random.default_rng(0)
     sim.ctrl[:] = rng.uniform(-0.3, 0.3, sim.ctrl.shape)

@@ -14,7 +14,6 @@ from gymnasium import spaces
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
-from ogmp_sb3.config.variation import PushConfig, RandomisationConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.copies import digest
@@ -67,7 +66,7 @@ def test_sets_that_are_played_together_are_those_that_are_played_alone(
 ) -> None:
     """Bit for bit, in batches that hold parts of sets."""
     slow = {name: {**ranges, "v": Range(0.3, 0.4)} for name, ranges in TASK.mode_ranges.items()}
-    pushed = RandomisationConfig(mass=Range(0.8, 1.2), push=PushConfig(every=0.1, speed=Range(0.5, 0.5)))
+    pushed = {"mass": {"scale": Range(0.8, 1.2)}, "push": {"every": Range(0.1, 0.1), "speed": Range(0.5, 0.5)}}
     tasks = [TASK, replace(TASK, modes=slow), replace(TASK, randomisation=pushed), TASK]
     alone = [play_episodes(policy, task, episodes, seed=4) for task in tasks]
     monkeypatch.setattr("ogmp_sb3.evaluation.episodes.BATCH", 5)

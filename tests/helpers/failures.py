@@ -11,7 +11,14 @@ from ogmp_sb3.env.failed_step import UnstableStep
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
 
 PATH = TASKS_DIR / "parkour.yaml"
-VARIED = {"randomisation": {"mass": [0.8, 1.2], "friction": [0.5, 1.0], "gains": [0.8, 1.2], "latency": 0.03}}
+VARIED = {
+    "randomisation": {
+        "mass": {"scale": [0.8, 1.2]},
+        "friction": {"coefficient": [0.5, 1.0]},
+        "gains": {"scale": [0.8, 1.2]},
+        "action_delay": {"delay": 0.03},
+    }
+}
 
 
 def failed_step() -> tuple[UnstableStep, dict]:

@@ -23,6 +23,8 @@ def make_view(num_envs: int = 3, **fields: Any) -> EnvView:
         "base_angvel_b": np.zeros((num_envs, 3)),
         "joint_pos": np.zeros((num_envs, 10)),
         "joint_vel": np.zeros((num_envs, 10)),
+        "down": np.tile([0.0, 0.0, -1.0], (num_envs, 1)),
+        "action": np.zeros((num_envs, 10)),
         "torque": np.zeros((num_envs, 10)),
         "body_contact": np.zeros(num_envs, dtype=bool),
         "terrain": empty_terrain(num_envs, 4),

@@ -45,7 +45,7 @@ def test_a_step_survives_its_file_and_fails_again_in_the_same_physics_step(faile
 
 
 def test_targets_and_kicks_on_the_way_survive_the_file(tmp_path: Path) -> None:
-    overrides = {"randomisation": {"latency": 0.016, "push": {"every": 0.014, "speed": 0.3}}}
+    overrides = {"randomisation": {"action_delay": {"delay": 0.016}, "push": {"every": 0.014, "speed": 0.3}}}
     data = apply_overrides(read_yaml(PATH), overrides, "test")
     env = env_module.BatchEnv(task_from_data(data, PATH), 2, seed=4, threads=1)
     env.reset()

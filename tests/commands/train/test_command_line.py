@@ -125,11 +125,11 @@ def test_a_missing_task_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_keys_that_the_file_leaves_out_reach_the_training(tmp_path: Path) -> None:
-    keys = ["task.randomisation.mass=0.9", "task.curriculum.step=0.1", "task.sampling.weights.flip=2"]
+    keys = ["task.randomisation.mass.scale=0.9", "task.curriculum.step=0.1", "task.sampling.weights.flip=2"]
     done = program("train", "task=dive", *keys, "total_timesteps=64", "hydra.run.dir=run", *SMALL, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     data = yaml.safe_load((tmp_path / "run" / "config.yaml").read_text())["task"]
-    assert data["randomisation"] == {"mass": 0.9}
+    assert data["randomisation"] == {"mass": {"scale": 0.9}}
     assert data["curriculum"] == {"step": 0.1}
     assert data["sampling"]["weights"] == {"flip": 2}
 

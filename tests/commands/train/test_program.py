@@ -127,8 +127,8 @@ def test_the_logs_of_a_crashed_and_resumed_run_have_no_double_point(run: Path, t
 
 
 DISTURBED = (
-    "task.randomisation={mass:[0.8,1.2],friction:[0.5,1.2],gains:[0.8,1.2],latency:[0,0.07],sensor_noise:0.1,"
-    "push:{every:0.3,speed:0.3}}"
+    "task.randomisation={mass:{scale:[0.8,1.2]},friction:{coefficient:[0.5,1.2]},joint_offset:{spread:0.02},"
+    "action_delay:{delay:[0,0.07],jitter:0.01},sensor_noise:{scale:0.1},push:{every:0.3,speed:0.3}}"
 )
 
 
@@ -381,7 +381,7 @@ def test_encode_writes_an_encoder_found_by_name(tmp_path: Path) -> None:
 
 
 def test_check_validates_lists_and_draws(tmp_path: Path) -> None:
-    done = program("check", "dive", f"out={tmp_path}", "randomisation.mass=[0.9,1.1]", cwd=tmp_path)
+    done = program("check", "dive", f"out={tmp_path}", "randomisation.mass.scale=[0.9,1.1]", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "preview" in done.stdout and "flip" in done.stdout
     assert "mass 0.9..1.1" in done.stdout
