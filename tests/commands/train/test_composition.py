@@ -179,7 +179,7 @@ def test_a_mistake_in_what_is_extended_is_one_sentence(user: str, tmp_path: Path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_keeps_the_merged_task_and_goes_on_without_the_files(tmp_path: Path) -> None:
+def test_a_run_keeps_the_merged_task_and_needs_the_files_no_more(tmp_path: Path) -> None:
     shutil.copytree(ROBOTS_DIR / "hector", tmp_path / "bases" / "robot")
     (tmp_path / "bases" / "base.yaml").write_text("extends: dive\nrobot: robot/robot.yaml\nrho: 0.2")
     (tmp_path / "mine.yaml").write_text("extends: bases/base.yaml\nmodes: {flip: {h: 1.2}}")
@@ -191,8 +191,6 @@ def test_a_run_keeps_the_merged_task_and_goes_on_without_the_files(tmp_path: Pat
     assert stored["robot"] == str(tmp_path / "bases" / "robot" / "robot.yaml")
     shutil.rmtree(tmp_path / "bases")
     (tmp_path / "mine.yaml").unlink()
-    done = program("train", "resume=run", "total_timesteps=256", cwd=tmp_path)
-    assert done.returncode == 0 and "resumed at step" in done.stdout, done.stderr
     task = load_policy(tmp_path / "run").task
     assert (task.name, task.rho, task.mode_ranges["flip"]["h"].high) == ("mine", 0.2, 1.2)
 
