@@ -19,7 +19,8 @@ from ogmp_sb3.config.plugins import load_plugins
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import SRB, RobotConfig
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml
+from ogmp_sb3.config.task_files import extended_files, read_task
+from ogmp_sb3.config.yaml_files import apply_overrides
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
 from ogmp_sb3.env.mirror import mirror_error, mirrors
@@ -217,20 +218,22 @@ def _run(arguments: list[str]) -> None:
         _replay(Path(config.unstable), console)
     for name in filter(None, (config.task, *names[1:])):
         path = find("task", name)
-        data = apply_overrides(read_yaml(path), overrides, shown_path(path))
+        data = apply_overrides(read_task(path), overrides, shown_path(path))
         task = task_from_data(data, path)
-        _check(task, config.out, console)
+        _check(task, extended_files(path), config.out, console)
         warning = encoder_warning(task, data, path)
         if warning:
             console.print(f"Warning: {warning}")
         console.print(f"{task.file} is right.")
 
 
-def _check(task: TaskConfig, out: str | None, console: Console) -> None:
+def _check(task: TaskConfig, extended: list[Path], out: str | None, console: Console) -> None:
     env = BatchEnv(task, num_envs=1)
     env.reset()
     env.step(np.zeros((1, env.action_size)))  # the first answers of the oracle and the terms are checked
     metric_names(task)
+    if extended:
+        console.print(f"{task.file} extends {', which extends '.join(map(shown_path, extended))}.")
     _describe(task, env, console)
     known = Table(title="What a task file can name", title_justify="left", show_header=False)
     for kind in registry.KINDS:

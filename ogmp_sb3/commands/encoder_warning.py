@@ -9,7 +9,7 @@ from typing import Any
 
 from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.config.task_files import read_task
 from ogmp_sb3.guidance.encoder_scope import REFERENCE_KEYS, leaves, outside
 from ogmp_sb3.runs.logs import say
 
@@ -48,7 +48,7 @@ def _typed(path: Path) -> str:
 
 def _changes(data: dict[str, Any], path: Path) -> list[str]:
     """The keys that references depend on and that are not as in the task file, as one types them."""
-    before, now = (dict(leaves({key: each.get(key) for key in REFERENCE_KEYS})) for each in (read_yaml(path), data))
+    before, now = (dict(leaves({key: each.get(key) for key in REFERENCE_KEYS})) for each in (read_task(path), data))
     return [f"{key}={_value(value)}" for key, value in now.items() if before.get(key) != value]
 
 

@@ -9,7 +9,7 @@ from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.config.task_files import read_task
 from ogmp_sb3.env.agent import Policy
 from ogmp_sb3.machine import check_writable
 from ogmp_sb3.rendering.opengl import gl_library
@@ -78,7 +78,7 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy |
     else:
         assert config.task is not None
         path = find("task", config.task)
-        data = read_yaml(path)
+        data = read_task(path)
         overrides = [*overrides, *([f"robot={config.robot}"] if config.robot else [])]
     return task_for_test(data, path, overrides, config.scene, PROGRAM, SHOWN), policy
 

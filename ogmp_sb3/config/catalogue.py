@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 
 from ogmp_sb3.config.messages import did_you_mean
@@ -34,9 +35,9 @@ def find(kind: str, name_or_path: str | Path, relative_to: Path = Path()) -> Pat
     text = str(name_or_path)
     path = relative_to / text
     if FILES[kind].endswith(".yaml"):
-        if text.endswith((".yaml", ".yml")) or "/" in text:
+        if is_path(text):
             if not is_file(path):
-                raise ValueError(f"{path}: no such file.")
+                raise ValueError(f"{path}: no such file.{_similar(path)}")
             return path
     elif is_file(path / Path(FILES[kind]).name):
         return path / Path(FILES[kind]).name
@@ -46,6 +47,21 @@ def find(kind: str, name_or_path: str | Path, relative_to: Path = Path()) -> Pat
     if text not in files:
         raise KeyError(UNKNOWN[kind].format(name=text, known=did_you_mean(text, files)) + broken_plugins())
     return files[text]
+
+
+def is_path(text: str) -> bool:
+    """Whether the path of a YAML file is meant, and no name."""
+    return text.endswith((".yaml", ".yml")) or "/" in text
+
+
+def _similar(path: Path) -> str:
+    """The end of a sentence: a YAML file beside one that is not there, if its name is close."""
+    try:
+        beside = {file.stem: file.name for file in path.parent.glob("*.y*ml")}
+    except (OSError, ValueError):  # no name of a directory
+        return ""
+    close = difflib.get_close_matches(path.stem, beside, n=1)
+    return f" Did you mean '{beside[close[0]]}'?" if close else ""
 
 
 def names(kind: str) -> list[str]:

@@ -18,11 +18,12 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ogmp_sb3.config import registry
+from ogmp_sb3.config import catalogue, registry
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.config.task import EvaluationConfig, SamplingConfig, TaskConfig
+from ogmp_sb3.config.task_files import EXTENDS
 from ogmp_sb3.config.variation import CurriculumConfig
 from ogmp_sb3.config.weights import Named
 
@@ -30,14 +31,42 @@ Schema = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
+TEXT: Schema = {"type": "string"}
+EXTENDED = "the task that this one extends: a name, or the path of a YAML file relative to this one"
 NULL: Schema = {"type": "null"}
 NUMBER: Schema = {"type": "number"}
 NUMBERS: list[Schema] = [NUMBER, {"type": "array", "prefixItems": [NUMBER, NUMBER], "minItems": 2, "maxItems": 2}]
 
 
 def task_schema() -> Schema:
-    """The schema of a task file, as plain data."""
-    return {"$schema": DIALECT, "title": "A task of ogmp_sb3", **_of_dataclass(TaskConfig, _named_fields())}
+    """The schema of a task file, as plain data: one that extends another may leave out everything."""
+    whole = _of_dataclass(TaskConfig, _named_fields())
+    return {
+        "$schema": DIALECT,
+        "title": "A task of ogmp_sb3",
+        "if": {"required": [EXTENDS]},
+        "then": _with_extends(_only_what_differs(whole)),
+        "else": _with_extends(whole),
+    }
+
+
+def _with_extends(task: Schema) -> Schema:
+    names = {"anyOf": [{"enum": catalogue.names("task")}, TEXT], "description": EXTENDED}
+    return {**task, "properties": {EXTENDS: names, **task["properties"]}}
+
+
+def _only_what_differs(schema: Schema) -> Schema:
+    """The schema of what merges with such data: nothing is required, and null takes out what need not be there."""
+    needed = schema.get("required", ())
+    changed = {key: value for key, value in schema.items() if key != "required"}
+    if "anyOf" in schema:
+        changed["anyOf"] = [_only_what_differs(each) for each in schema["anyOf"]]
+    if "properties" in schema:
+        inner = {name: _only_what_differs(each) for name, each in schema["properties"].items()}
+        changed["properties"] = {name: each if name in needed else _or_null(each) for name, each in inner.items()}
+    if isinstance(schema.get("additionalProperties"), dict):
+        changed["additionalProperties"] = _or_null(_only_what_differs(schema["additionalProperties"]))
+    return changed
 
 
 def _named_fields() -> dict[tuple[type[Any], str], Schema]:

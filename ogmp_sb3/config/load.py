@@ -10,12 +10,13 @@ from typing import Any, Literal, get_args, get_origin
 
 from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import find, is_file, shown_path
-from ogmp_sb3.config.messages import Where, did_you_mean
+from ogmp_sb3.config.messages import Where, did_you_mean, located
 from ogmp_sb3.config.ranges import ModeRanges
 from ogmp_sb3.config.registry import Registry
 from ogmp_sb3.config.robot import STATE_NAMES, RobotConfig
-from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.strict import NOT_GIVEN, check_keys, read
 from ogmp_sb3.config.task import RandomisationTerms, TaskConfig, Terms
+from ogmp_sb3.config.task_files import EXTENDS, KEYS, extended_files, read_task
 from ogmp_sb3.config.variation import CurriculumConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, read_yaml, resolved
 
@@ -32,16 +33,55 @@ def load_task(name_or_path: str | Path, overrides: Mapping[str, Any] | Iterable[
     :raises TypeError: for a value of the wrong type
     """
     path = find("task", name_or_path)
-    data = read_yaml(path)
+    data = read_task(path)
     data = apply_overrides(data, overrides, shown_path(path))
     return task_from_data(resolved(data, Where(shown_path(path))), path)
 
 
 def task_from_data(data: dict[str, Any], path: Path) -> TaskConfig:
-    """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`."""
+    """Check plain task data, as read from ``path`` (which names it in messages). Raises as :func:`load_task`.
+
+    :param data: without ``extends``, see :func:`~ogmp_sb3.config.task_files.read_task`
+    :param path: of the task file
+    """
+    try:
+        return _checked(data, path)
+    except (KeyError, TypeError, ValueError) as error:
+        files = extended_files(path)
+        if not files:
+            raise
+        raise type(error)(_in_its_file(str(error.args[0]), path, files)) from None
+
+
+def _in_its_file(sentence: str, path: Path, files: list[Path]) -> str:
+    """A mistake's sentence with the file to look into: one that a task extends, if that alone has the same mistake.
+
+    :param files: that the task extends, the nearest first
+    """
+    shown = shown_path(path)
+    for file in reversed(files if not sentence.endswith(NOT_GIVEN) else []):
+        own = sentence.replace(shown, shown_path(file), 1)
+        if own == _mistake(file):
+            return own
+    return sentence.replace(shown, f"{shown} (extends {shown_path(files[0])})", 1)
+
+
+def _mistake(path: Path) -> str | None:
+    """The sentence that a task file gets by itself."""
+    try:
+        _checked(resolved(read_task(path), Where(shown_path(path))), path)
+    except (KeyError, TypeError, ValueError) as error:
+        return str(error.args[0])
+    return None
+
+
+def _checked(data: dict[str, Any], path: Path) -> TaskConfig:
     where = Where(shown_path(path))
+    check_keys(data, KEYS, where)
+    if EXTENDS in data:
+        raise KeyError(f"{where / EXTENDS} is for task files: what a task extends cannot be overridden.")
     task = read(TaskConfig, data, where)
-    with _located(where / "robot"):
+    with located(where / "robot"):
         robot = load_robot(task.robot, path.parent)
     _check_names(task.bound, STATE_NAMES, where / "bound")
     _check_names(task.feedback, STATE_NAMES, where / "feedback")
@@ -89,7 +129,7 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
     if not task.mode_ranges:
         raise ValueError(f"{where / 'modes'} names no mode.")
     for name in task.modes:
-        with _located(where / "modes"):
+        with located(where / "modes"):
             registry.modes.get(name)
     check_ranges(task.mode_ranges, where / "modes", complete=True)
     _check_sampling(task, where / "sampling")
@@ -99,7 +139,7 @@ def _check_modes(task: TaskConfig, where: Where) -> None:
 
 def _check_randomisation(terms: RandomisationTerms, where: Where) -> None:
     for name in terms:
-        with _located(where):
+        with located(where):
             registry.randomisations.get(name)
     in_use = {name: ranges for name, ranges in terms.items() if ranges is not None}
     check_ranges(in_use, where, complete=True, kinds=registry.randomisations)
@@ -166,7 +206,7 @@ def check_ranges(named: ModeRanges, where: Where, complete: bool, kinds: Registr
     for name, ranges in named.items():
         parameters, limits = kinds.parameters(name), kinds.limits(name)
         if complete:
-            with _located(where / name):
+            with located(where / name):
                 kinds.check(name, ranges)
         _check_names(ranges, parameters, where / name)
         for key, range_ in ranges.items():
@@ -186,7 +226,7 @@ def check_ranges(named: ModeRanges, where: Where, complete: bool, kinds: Registr
 
 def _read_oracles(task: TaskConfig, where: Where) -> dict[str, dict[str, Any]]:
     """The parameters of the oracles, with the types that the oracles ask for."""
-    with _located(where / "oracle"):
+    with located(where / "oracle"):
         registry.oracles.get(task.oracle)
     inside = where / "oracle_params"
     unnamed: dict[str, Any] = {} if task.oracle in task.oracle_params else {task.oracle: {}}
@@ -198,12 +238,12 @@ def _read_terms(terms: Mapping[str, Any], kinds: Registry[Any], where: Where) ->
     """The terms' parameters, with the types that their functions ask for."""
     result: Terms = {}
     for name, data in terms.items():
-        with _located(where):
+        with located(where):
             parameters = kinds.parameters(name)
         if data is None:
             result[name] = None
             continue
-        with _located(where / name):
+        with located(where / name):
             kinds.check(name, data)
         result[name] = {key: read(parameters[key].annotation, value, where / name / key) for key, value in data.items()}
     return result
@@ -214,17 +254,3 @@ def _check_names(names: Iterable[str], allowed: Iterable[str], where: Where) -> 
     for name in names:
         if name not in allowed:
             raise KeyError(f"{where} has {name!r}{did_you_mean(name, allowed)}")
-
-
-class _located:
-    """Puts the place in front of an error's message."""
-
-    def __init__(self, where: Where) -> None:
-        self.where = where
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if isinstance(error, KeyError | ValueError | TypeError):
-            raise type(error)(f"{self.where}: {error.args[0]}") from None

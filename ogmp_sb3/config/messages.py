@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,15 @@ class Where:
 
     def __str__(self) -> str:
         return self.file if self.key is None else f"{self.file}: {self.key!r}"
+
+
+@contextmanager
+def located(where: Where) -> Iterator[None]:
+    """Put the place in front of an error's message."""
+    try:
+        yield
+    except (KeyError, ValueError, TypeError) as error:
+        raise type(error)(f"{where}: {error.args[0]}") from None
 
 
 def describe(data: Any) -> str:

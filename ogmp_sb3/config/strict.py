@@ -12,7 +12,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from ogmp_sb3.config.messages import Where, describe, did_you_mean
@@ -20,6 +20,7 @@ from ogmp_sb3.config.messages import Where, describe, did_you_mean
 T = TypeVar("T")
 
 LARGEST = 2**63  # whole numbers lie between this and its negative
+NOT_GIVEN = "is missing: the file must give it."
 GREATEST = 1e12  # of numbers, either sign: nothing that is counted in m, s, kg, N or rad is greater
 
 
@@ -101,16 +102,51 @@ def _read_dataclass(kind: Any, data: Any, where: Where) -> Any:
         raise ValueError(f"{where}: {error}") from None
 
 
+def null_leaves_out(kind: Any, keys: Sequence[str]) -> bool:
+    """Whether null at a key of nested mappings can only mean to leave the key out.
+
+    :param kind: the annotation of the outermost mapping
+    :param keys: from there
+    :return: False where null is a value, where a key is required, and where no annotation says what there may be
+    """
+    if typing.get_origin(kind) in (types.UnionType, typing.Union):
+        kind = next(a for a in typing.get_args(kind) if a is not types.NoneType)
+    name, *rest = keys
+    if dataclasses.is_dataclass(kind) and not hasattr(kind, "from_data"):
+        field = {f.name: f for f in dataclasses.fields(kind)}.get(name)
+        if field is None:
+            return False
+        hint = typing.get_type_hints(kind, include_extras=True)[name]
+        required = field.default is field.default_factory is dataclasses.MISSING
+    elif typing.get_origin(kind) is dict:
+        hint, required = typing.get_args(kind)[1], False
+    else:
+        return False
+    return (
+        null_leaves_out(hint, rest)
+        if rest
+        else not (required or hint is Any or types.NoneType in typing.get_args(hint))
+    )
+
+
 def _read_keys(hints: dict[str, Any], required: Collection[str], data: Any, where: Where) -> dict[str, Any]:
     """The values of a mapping whose keys are known."""
     data = _mapping(data, where)
-    for key in data:
-        if key not in hints:
-            raise KeyError(f"{where / key} is not a known key{did_you_mean(key, hints)}")
+    check_keys(data, hints, where)
     for name in hints:
         if name in required and name not in data:
-            raise KeyError(f"{where / name} is missing: the file must give it.")
+            raise KeyError(f"{where / name} {NOT_GIVEN}")
     return {name: _read(hints[name], data[name], where / name) for name in hints if name in data}
+
+
+def check_keys(data: Iterable[Any], allowed: Collection[str], where: Where) -> None:
+    """Check the keys of a mapping.
+
+    :raises KeyError: for an unknown one
+    """
+    for key in data:
+        if key not in allowed:
+            raise KeyError(f"{where / key} is not a known key{did_you_mean(key, allowed)}")
 
 
 def _read_scalar(kind: Any, data: Any, where: Where) -> Any:

@@ -17,7 +17,7 @@ from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.config.task_files import read_task
 from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.env.robot_digest import robot_digest
 from ogmp_sb3.guidance.latent import changed_file, encoder_dir
@@ -166,7 +166,7 @@ def _imported(file: Path, trust: bool, task: str | None, robot: Path | None) -> 
     """A policy from SB3's ``.zip``."""
     policy, samples = load_zip(file, trust, task)
     path = find("task", str(task))
-    data = read_yaml(path)
+    data = read_task(path)
     if robot is not None:
         data["robot"] = str(robot)
     return LoadedPolicy(policy, task_from_data(data, path), data, path, {"num_timesteps": samples}, file)

@@ -46,6 +46,15 @@ def test_a_file_with_an_equals_sign_in_its_name_is_checked(tmp_path: Path) -> No
     assert done.returncode == 0 and "a=b.yaml is right." in done.stdout
 
 
+def test_it_says_what_a_task_extends_and_shows_the_merged_values(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("extends: dive\nrho: 0.25\n")
+    (tmp_path / "b.yaml").write_text("extends: a.yaml\nmodes: {flip: {h: 1.2}}\n")
+    done = program("check", "b.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "b.yaml extends a.yaml, which extends tasks/dive.yaml." in done.stdout
+    assert "h 1.2" in done.stdout and "rho 0.25 on z, wx, wy" in done.stdout and "b.yaml is right." in done.stdout
+
+
 def test_several_tasks_are_all_checked(tmp_path: Path) -> None:
     (tmp_path / "wrong.yaml").write_text("rho: 0.5")
     done = program("check", "dive", "stairs", "wrong.yaml", cwd=tmp_path)

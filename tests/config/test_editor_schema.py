@@ -23,9 +23,11 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import SequenceEntry
+from ogmp_sb3.config.task_files import merged
 from ogmp_sb3.config.yaml_files import read_yaml
 
 SCHEMA = task_schema()
+WHOLE = SCHEMA["else"]  # of a file that extends no other
 VALIDATOR = Draft202012Validator(SCHEMA)
 
 
@@ -54,18 +56,18 @@ def test_every_shipped_task_is_valid(path: Path) -> None:
 
 
 def test_every_key_of_a_task_file_is_described_by_the_string_under_its_field() -> None:
-    assert SCHEMA["properties"]["horizon"] == {
+    assert WHOLE["properties"]["horizon"] == {
         "anyOf": [{"type": "integer"}, {"type": "null"}],
         "description": "control steps between oracle queries; null: one query per (timed) mode",
     }
-    groups = [SCHEMA, *(SCHEMA["properties"][key] for key in ("sampling", "track", "gait", "action", "evaluation"))]
+    groups = [WHOLE, *(WHOLE["properties"][key] for key in ("sampling", "track", "gait", "action", "evaluation"))]
     for group in groups:
         for key, schema in group["properties"].items():
             assert schema["description"], key
 
 
 def test_functions_and_their_parameters_are_described_by_their_docstrings() -> None:
-    jump = SCHEMA["properties"]["modes"]["properties"]["jump"]["anyOf"][0]
+    jump = WHOLE["properties"]["modes"]["properties"]["jump"]["anyOf"][0]
     assert jump["description"] == "Jump onto a block and down again."
     assert jump["properties"]["w"]["description"] == "length of the block along the track, m"
     assert (jump["required"], jump["properties"]["run_up"]["default"]) == (["w", "h"], 0.45)
@@ -121,6 +123,50 @@ def test_every_form_of_a_value_is_valid(name: str, key: str, value: Any) -> None
     VALIDATOR.validate(data)
 
 
+@pytest.mark.parametrize(
+    "own",
+    [
+        {},
+        {"rho": 0.4, "modes": {"jump": {"h": 0.3}, "leap": None}},
+        {"oracle_params": {"preview": {"Q": {"z": 1.0}, "R": {"fx": 1.0e-3}}, "lqr": None}},
+        {"gait": None, "sampling": {"weights": {"jump": None}}, "curriculum": {"modes": {"jump": None}, "step": None}},
+        {"rewards": {"body_contact": {"weight": -0.1}}, "observations": {"height_scan": {"points": 5}}},
+        {"evaluation": {"metrics": None, "terminations": {"fall": {"fill_gaps": True}}}},
+    ],
+)
+def test_a_file_that_extends_another_may_leave_out_everything(own: dict[str, Any]) -> None:
+    task_from_data(merged(SHIPPED["parkour"], own), TASKS_DIR / "mine.yaml")
+    for name in ("parkour", "../base.yaml"):
+        VALIDATOR.validate({"extends": name, **own})
+    if own:
+        assert not VALIDATOR.is_valid(own)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"extends": 3},
+        {"extends": None},
+        {"extend": "parkour"},
+        {"rhoo": 1},
+        {"rho": "wide"},
+        {"oracle": None},
+        {"modes": {"jump": {"hight": 1}}},
+        {"modes": {"jmp": None}},
+        {"modes": {"jump": {"h": None}}},
+        {"sampling": {"sequence": [{"jump": {}, "leap": {}}]}},
+    ],
+)
+def test_a_mistake_in_a_file_that_extends_another_is_rejected(wrong: dict[str, Any]) -> None:
+    assert not VALIDATOR.is_valid({"extends": "parkour", **wrong})
+
+
+def test_names_of_tasks_to_extend_are_completed() -> None:
+    for branch in ("then", "else"):
+        assert SCHEMA[branch]["properties"]["extends"]["anyOf"][0] == {"enum": ["dive", "parkour", "stairs"]}
+        assert list(SCHEMA[branch]["properties"])[1:] == list(WHOLE["properties"])[1:]
+
+
 MODERATE = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 VALUES = [parent(data, path)[path[-1]] for data in SHIPPED.values() for path in nodes(data)]
 
@@ -154,6 +200,30 @@ def test_what_loads_is_valid(data: dict[str, Any]) -> None:
         VALIDATOR.validate(data)
 
 
+@st.composite
+def differences(draw: st.DrawFn) -> dict[str, Any]:
+    """A few values of shipped tasks, or null, at keys that parkour has."""
+    own: dict[str, Any] = {}
+    for _ in range(draw(st.integers(1, 3))):
+        path = draw(st.sampled_from([path for path in nodes(SHIPPED["parkour"]) if all(type(k) is str for k in path)]))
+        value = parent(SHIPPED["parkour"], path)[path[-1]]
+        like = [v for v in VALUES if type(v) is type(value)]
+        node = own
+        for key in path[:-1]:
+            if not isinstance(node.get(key), dict):
+                node[key] = {}
+            node = node[key]
+        node[path[-1]] = copy.deepcopy(draw(st.sampled_from([None, None, *like])))
+    return own
+
+
+@MODERATE
+@given(own=differences())
+def test_what_loads_when_it_is_merged_is_valid(own: dict[str, Any]) -> None:
+    if loads(merged(SHIPPED["parkour"], own)):
+        VALIDATOR.validate({"extends": "parkour", **own})
+
+
 @MODERATE
 @given(mistake=misspelt())
 def test_a_misspelt_key_is_rejected_by_both(mistake: tuple[dict[str, Any], str]) -> None:
@@ -171,7 +241,7 @@ def test_what_is_registered_later_is_in_the_schema(monkeypatch: pytest.MonkeyPat
         """
 
     monkeypatch.setattr(registry.rewards, "_functions", {"hop": hop})
-    (schema, null) = task_schema()["properties"]["rewards"]["properties"]["hop"]["anyOf"]
+    (schema, null) = task_schema()["else"]["properties"]["rewards"]["properties"]["hop"]["anyOf"]
     assert null == {"type": "null"}
     assert schema == {
         "type": "object",
@@ -201,7 +271,7 @@ def test_a_range_may_stand_in_any_dataclass(monkeypatch: pytest.MonkeyPatch, val
     def gust(view, wind: Wind): ...
 
     monkeypatch.setattr(registry.rewards, "_functions", {"gust": gust})
-    validator = Draft202012Validator(task_schema()["properties"]["rewards"])
+    validator = Draft202012Validator(task_schema()["else"]["properties"]["rewards"])
     data = {"speed": value, "entries": ["jump", {"pace": {"v": 1}}]}
     read(Wind, data, Where("file"))
     validator.validate({"gust": {"wind": data}})

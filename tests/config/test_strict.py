@@ -8,7 +8,7 @@ from typing import Any, Literal
 import pytest
 
 from ogmp_sb3.config.messages import Where
-from ogmp_sb3.config.strict import read
+from ogmp_sb3.config.strict import null_leaves_out, read
 
 HERE = Where("t.yaml", "a.b")
 
@@ -130,3 +130,40 @@ def test_reading_keeps_nothing_of_the_data_given() -> None:
     data["weights"]["x"] = 2.0
     data["inner"]["words"].append("b")
     assert outer == Outer(inner=Inner(size=1.0, words=("a",)), weights={"x": 1.0})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nested:
+    outer: Outer | None = None
+    whole: Outer
+    entries: tuple[Inner, ...] = ()
+    anything: Any = None
+    named: dict[str, Inner | None] = field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("outer", False),  # null is a value
+        ("whole", False),  # required
+        ("entries", True),
+        ("anything", False),  # who knows
+        ("unknown", False),
+        ("named", True),
+        ("named.a", False),
+        ("named.a.size", False),
+        ("named.a.words", True),
+        ("outer.inner", False),
+        ("outer.order", True),
+        ("outer.limit", False),
+        ("outer.weights", True),
+        ("outer.weights.a", True),
+        ("outer.weights.a.b", False),
+        ("whole.inner.words", True),
+        ("entries.0", False),
+        ("anything.below", False),
+        ("unknown.below", False),
+    ],
+)
+def test_null_leaves_out_what_need_not_be_there_and_is_never_null(key: str, expected: bool) -> None:
+    assert null_leaves_out(Nested, key.split(".")) is expected

@@ -93,7 +93,7 @@ def test_a_checked_type_may_be_null_or_inside_another() -> None:
 
 
 def test_an_editor_knows_the_names_of_weights(oracle: None) -> None:
-    parameters = task_schema()["properties"]["oracle_params"]["properties"]["track"]["properties"]
+    parameters = task_schema()["else"]["properties"]["oracle_params"]["properties"]["track"]["properties"]
     assert list(parameters["states"]["properties"]) == list(STATE_NAMES)
     assert list(parameters["inputs"]["properties"]) == list(INPUT_NAMES)
     assert parameters["delay"]["type"] == "number"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any
 
 from hydra._internal import hydra as hydra_internals
@@ -17,10 +18,12 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.config_store import ConfigStore
 from hydra.core.default_element import ResultDefault
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.plugins.config_source import ConfigResult
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from ogmp_sb3.commands.train.command_line import TASK_KEYS
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.task_files import EXTENDS, with_extended
 from ogmp_sb3.config.yaml_files import WHOLE
 from ogmp_sb3.runs.multirun import plain_key
 
@@ -72,6 +75,17 @@ class Composition(ConfigLoaderImpl):
             if isinstance(OmegaConf.select(config, f"task.{key}"), DictConfig):
                 OmegaConf.set_struct(config.task[key], False)
         return config
+
+    def _load_single_config(self, default: ResultDefault, repo: Any) -> ConfigResult:
+        """One file; a task with what it extends, wherever Hydra found it."""
+        loaded = super()._load_single_config(default, repo)
+        task = OmegaConf.select(loaded.config, "task", default=None)
+        group, _, name = str(default.config_path).partition("/")
+        if group == "task" and isinstance(task, DictConfig) and EXTENDS in task:
+            folder = Path(loaded.path.removeprefix("file://"))
+            data = with_extended(OmegaConf.to_container(task), folder / f"task/{name}.yaml")  # type: ignore[arg-type]
+            OmegaConf.update(loaded.config, "task", data, merge=False)
+        return loaded
 
     def _load_configuration_impl(self, *args: Any, **kwargs: Any) -> DictConfig:
         """The command line over the files."""

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from ogmp_sb3.commands.train.command_line import quoted, read_by_hydra
 from ogmp_sb3.config import catalogue
-from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.config.task_files import read_task
 
 SUFFIXES = (".yaml", ".yml")
 
@@ -74,7 +74,7 @@ def _check_different(names: list[str], texts: list[str]) -> None:
 
 def _store(path: Path) -> str:
     """Make a task known to Hydra, also in the processes that a launcher starts; its provider is the file."""
-    node = OmegaConf.create(read_yaml(path))
+    node = OmegaConf.create(read_task(path))
     ConfigStore.instance().store(group="task", name=path.stem, node=node, provider=str(path))
     return path.stem
 

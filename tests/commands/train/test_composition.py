@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,16 @@ from hydra.core.utils import JobRuntime
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
+from helpers.mistakes import SHIPPED
 from helpers.programs import SMALL, program
 from ogmp_sb3.commands.train.command_line import PAPER, TASK_KEYS, checked
 from ogmp_sb3.commands.train.composition import Composition
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
-from ogmp_sb3.config.catalogue import TASKS_DIR
+from ogmp_sb3.config.catalogue import ROBOTS_DIR, TASKS_DIR
 from ogmp_sb3.config.load import task_from_data
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.config.task_files import read_task
+from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.settings import TrainConfig
 
 
@@ -62,6 +66,12 @@ EXPERIMENTS = {
     "over": {"defaults": ["mapping", "_self_"], "task": {"bound": {"x": 1.0, "z": 0.5}}},
 }
 
+EXTENDING = {
+    "slower": {"extends": "parkour", "rho": 0.4, "bound": {"z": 2.0}, "modes": {"jump": {"h": 0.3}, "leap": None}},
+    "slowest": {"extends": "slower.yaml", "modes": {"pace": {"v": 0.5}}, "gait": None},
+    "round": {"extends": "round.yaml"},
+}
+
 
 @cache
 def registered() -> list[dict[str, Any]]:
@@ -88,6 +98,8 @@ def user(tmp_path_factory: pytest.TempPathFactory) -> str:
     for name, data in EXPERIMENTS.items():
         (folder / "experiment" / f"{name}.yaml").write_text(f"# @package _global_\n{yaml.safe_dump(data)}")
     (folder / "task" / "mine.yaml").write_text((TASKS_DIR / "dive.yaml").read_text())
+    for name, data in EXTENDING.items():
+        (folder / "task" / f"{name}.yaml").write_text(yaml.safe_dump(data))
     return str(folder)
 
 
@@ -136,6 +148,51 @@ def test_a_bound_reaches_the_file_of_a_run_as_it_is_trained(tmp_path: Path) -> N
     found = trained(tmp_path, "-m", "bound={z:1.0},{x:1.0,wx:0.1}", "hydra.sweep.dir=sweep")
     bounds = sorted((task["bound"] for task in found.values()), key=str)
     assert bounds == [{"x": 1.0, "wx": 0.1}, {"z": 1.0}]
+
+
+# ---- tasks that extend others ----
+
+
+@pytest.mark.parametrize("name", ["slower", "slowest"])
+def test_a_task_that_extends_another_and_that_hydra_finds_itself_is_composed_of_both(name: str, user: str) -> None:
+    composed_task = composed([f"task={name}", "rho=0.1"], config_dir=user)["task"]
+    assert composed_task == read_task(Path(user) / "task" / f"{name}.yaml")
+    assert "extends" not in composed_task
+    assert (composed_task["rho"], composed_task["bound"], composed_task["modes"]["leap"]) == (0.4, {"z": 2.0}, None)
+
+
+def test_what_is_typed_goes_into_the_merged_task(user: str) -> None:
+    given = ["task=slower", "task.modes.jump.w=0.4", "bound.x=1.0", "+experiment=other"]
+    task = composed(given, config_dir=user)["task"]
+    assert task["modes"]["jump"] == {**SHIPPED["parkour"]["modes"]["jump"], "h": 0.3, "w": 0.4}
+    assert task["bound"] == {"z": 1.0, "x": 1.0}  # the experiment's, and one more
+    with pytest.raises(KeyError, match=r"'extends' is for task files: what a task extends cannot be overridden"):
+        task_from_data(composed(["task=dive", "task.extends=parkour"])["task"], TASKS_DIR / "dive.yaml")
+
+
+def test_a_mistake_in_what_is_extended_is_one_sentence(user: str, tmp_path: Path) -> None:
+    for arguments in (["task=round", "--config-dir", user], [f"task={user}/task/round.yaml"]):
+        done = program("train", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"ogmp-train: {user}/task/round.yaml: 'extends' leads back to the same file: ")
+        assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_keeps_the_merged_task_and_needs_the_files_no_more(tmp_path: Path) -> None:
+    shutil.copytree(ROBOTS_DIR / "hector", tmp_path / "bases" / "robot")
+    (tmp_path / "bases" / "base.yaml").write_text("extends: dive\nrobot: robot/robot.yaml\nrho: 0.2")
+    (tmp_path / "mine.yaml").write_text("extends: bases/base.yaml\nmodes: {flip: {h: 1.2}}")
+    merged = read_task(tmp_path / "mine.yaml")
+    arguments = ["task=mine.yaml", "total_timesteps=64", *SMALL, "hydra.run.dir=run"]
+    assert program("train", *arguments, cwd=tmp_path).returncode == 0
+    stored = yaml.safe_load((tmp_path / "run" / "config.yaml").read_text())["task"]
+    assert {**stored, "encoder": "dive"} == merged
+    assert stored["robot"] == str(tmp_path / "bases" / "robot" / "robot.yaml")
+    shutil.rmtree(tmp_path / "bases")
+    (tmp_path / "mine.yaml").unlink()
+    task = load_policy(tmp_path / "run").task
+    assert (task.name, task.rho, task.mode_ranges["flip"]["h"].high) == ("mine", 0.2, 1.2)
 
 
 # ---- the paper's settings ----

@@ -56,6 +56,16 @@ def test_a_comma_within_a_path_separates_nothing(tmp_path: Path, monkeypatch: py
     assert arguments == ["task='a,b',parkour,b,c"]
 
 
+def test_a_task_by_path_is_registered_with_what_it_extends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bases").mkdir()
+    (tmp_path / "bases" / "b.yaml").write_text("extends: dive\nrho: 0.2")
+    (tmp_path / "extending.yaml").write_text("extends: bases/b.yaml\nhorizon: 7")
+    _, names = register_tasks(["task=extending.yaml"])
+    dive = yaml.safe_load((TASKS_DIR / "dive.yaml").read_text())
+    assert registered_data(names) == [dive | {"rho": 0.2, "horizon": 7}]
+
+
 def test_a_task_with_an_everyday_name_trains_in_directories_with_everyday_names(tmp_path: Path) -> None:
     shutil.copy(TASKS_DIR / "dive.yaml", tmp_path / "läufe, walk (1).yaml")
     for arguments in (["hydra.run.dir=r [1]/a=b,c"], ["-m", "rho=0.3", "hydra.sweep.dir=r [2]"]):
