@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +20,13 @@ from ogmp_sb3.evaluation.evaluate import Evaluation, heading, measure, metric_na
 from ogmp_sb3.evaluation.falls import falls_csv, falls_of, falls_tables, measure_falls
 from ogmp_sb3.evaluation.grid import CELL_EPISODES, count_cells, grid_copies_text, measure_grid
 from ogmp_sb3.evaluation.robustness import count_sets, measure_robustness, robustness_copies_text, robustness_rows
+from ogmp_sb3.evaluation.worst_case import (
+    POINT_EPISODES,
+    count_points,
+    measure_worst_case,
+    worst_case_rows,
+    worst_case_tables,
+)
 from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.plots.evaluations import plot_epsilon, plot_grids, plot_robustness
@@ -73,6 +80,17 @@ ANALYSES = (
         show=lambda report, console: show_sentence(robustness_copies_text(report), console),
     ),
     Analysis(
+        name="worst_case",
+        measure=measure_worst_case,
+        sets=count_points,
+        episodes=POINT_EPISODES,
+        endless=True,
+        training_keys=("randomisation",),
+        refused_keys={"evaluation.randomisation": "looks through the ranges of 'randomisation'."},
+        rows=worst_case_rows,
+        show=lambda report, console: console.print(worst_case_tables(report)),
+    ),
+    Analysis(
         name="epsilon",
         measure=measure_epsilon,
         rows=epsilon_rows,
@@ -89,6 +107,8 @@ ANALYSES = (
     ),
 )
 """What can be measured instead of the metrics, each asked for by the key of its name."""
+DISTURBING = ("robustness", "worst_case")
+EXAMPLE = "randomisation.mass.scale=[0.8,1.2]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +125,8 @@ class EvalConfig:
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     grid: str | None = cli.option("two parameters of a mode to vary, e.g. jump.w,jump.h", None)
     robustness: bool = cli.option("disturb the policy, one disturbance at a time, 'episodes' at each size", False)
+    worst_case: bool = cli.option("look for the weakest point among all disturbances at once", False)
+    disturbed: bool = cli.option("with the disturbances of the training, which a test does not have otherwise", False)
     epsilon: bool = cli.option("how far states stray from the reference of each oracle, by mode", False)
     falls: bool = cli.option("in which modes the robot falls, by size and by the mode before", False)
     out: str | None = cli.option("directory for the numbers and pictures; null: <run>/evaluation", None)
@@ -122,6 +144,8 @@ class EvalConfig:
         names = [analysis.name for analysis in self.analyses]
         if len(names) > 1:
             raise ValueError(f"{' and '.join(map(repr, names))} are different evaluations: give one of them.")
+        if self.disturbed and names and names[0] in DISTURBING:
+            raise ValueError(f"'{names[0]}' disturbs the policy itself: leave 'disturbed=true' out.")
         if self.protocol == "endless" and not self.analysis.endless:
             raise ValueError(f"'{self.analysis.name}' plays the task's own protocol, not 'protocol=endless'.")
         if self.protocol == "paper" and self.max_distance != MAX_DISTANCE:
@@ -149,6 +173,8 @@ HELP = cli.usage(
         "ogmp-eval run=parkour grid=jump.w,jump.h",
         "ogmp-eval run=parkour grid=leap.w:0.1:0.6:5,leap.run_up:0.2:0.6:4",
         "ogmp-eval run=parkour robustness=true randomisation.push.speed=0.5",
+        "ogmp-eval run=parkour worst_case=true randomisation.friction.coefficient=[0.4,1.2]",
+        "ogmp-eval run=parkour disturbed=true randomisation.mass.scale=[0.8,1.2]",
         "ogmp-eval run=parkour epsilon=true",
         "ogmp-eval run=parkour falls=true protocol=endless",
         "ogmp-eval run=parkour oracle=lqr modes.jump.h=[0.35,0.45]",
@@ -169,7 +195,7 @@ def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
         for key, reason in analysis.refused_keys.items():
             if override.startswith(key):
                 raise ValueError(f"'{override}': '{analysis.name}' {reason}")
-    keys = analysis.training_keys
+    keys = ("randomisation",) if config.disturbed else analysis.training_keys
     return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, keys)
 
 
@@ -180,6 +206,10 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     :raises ValueError: if the protocol or a metric is not for such a task
     """
     task = trained.for_evaluation()
+    if config.disturbed:
+        if not trained.randomised:
+            raise ValueError(f"'disturbed=true': '{task.name}' has no 'randomisation'; give some, e.g. {EXAMPLE}.")
+        task = replace(task, randomisation=trained.randomisation)
     metric_names(task)
     if config.protocol == "endless":
         if extent(task).timed:

@@ -82,6 +82,11 @@ class Registry(Generic[T]):
         limits: Mapping[str, tuple[float, float]] = getattr(self.get(name), "limits", {})
         return limits
 
+    def not_sizes(self, name: str) -> tuple[str, ...]:
+        """The parameters of a function that do not say how much; of :func:`not_a_size`."""
+        names: tuple[str, ...] = getattr(self.get(name), "not_sizes", ())
+        return names
+
     def check(self, name: str, keys: Iterable[str]) -> None:
         """Check the names of the parameters that a YAML file gives.
 
@@ -104,6 +109,16 @@ def parameter_limits(**limits: tuple[float, float]) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         function.limits = limits  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
+def not_a_size(*names: str) -> Callable[[F], F]:
+    """Decorator of a randomisation: parameters that say when or where, not how much, which sweeps leave alone."""
+
+    def decorate(function: F) -> F:
+        function.not_sizes = names  # type: ignore[attr-defined]
         return function
 
     return decorate

@@ -269,8 +269,8 @@ class Disturbances:
     # ------------------------------------------------------------------ state
 
     def under_way(self) -> list[np.ndarray]:
-        """The arrays of the targets that were sent and when they arrive."""
-        return [self._arrays[name] for name in ("arrive", "targets") if name in self._arrays]
+        """The arrays of the targets that were sent, when they arrive, and how late others will."""
+        return [self._arrays[name] for name in ("arrive", "targets", "action_delay") if name in self._arrays]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that was drawn; empty if no disturbance is in use."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ogmp_sb3.config.registry import parameter_limits, randomisations
+from ogmp_sb3.config.registry import not_a_size, parameter_limits, randomisations
 from ogmp_sb3.env.episode_disturbance import LONGEST_DELAY, Disturbance, Subject
 
 
@@ -212,7 +212,8 @@ def scan_noise(subject: Subject, height: float = 0.0, offset: float = 0.0, dropo
 
 
 @randomisations.register()
-@parameter_limits(speed=(0.0, 100.0), every=(0.0, 1000.0))
+@parameter_limits(speed=(0.0, 100.0), every=(0.001, 1000.0))
+@not_a_size("every")
 def push(subject: Subject, speed: float = 0.0, every: float = 2.0) -> Disturbance:
     """Kicks: the base's velocity changes at once, in a random horizontal direction.
 

@@ -92,6 +92,8 @@ class Sweep:
     def _reach(self, key: str) -> tuple[float, float]:
         """How far the range of a parameter goes below and above its value without a disturbance."""
         range_, none = self.ranges[key], self.none[key]
+        if key in registry.randomisations.not_sizes(self.name):
+            return 0.0, 0.0
         return min(range_.low - none, 0.0), max(range_.high - none, 0.0)
 
     def _value(self, key: str, change: float) -> float:
@@ -118,9 +120,14 @@ def task_disturbances(task: TaskConfig) -> list[Sweep]:
 
 
 def _none(task: TaskConfig, name: str, ranges: dict[str, Range]) -> dict[str, float]:
-    """The values of parameters where nothing is disturbed: their defaults, and the robot's own friction."""
+    """The values of parameters where nothing is disturbed: their defaults, and the robot's own friction.
+
+    Those that do not say how much are in the middle of their range.
+    """
     parameters = registry.randomisations.parameters(name)
-    none = {key: parameters[key].default for key in ranges}
+    when = registry.randomisations.not_sizes(name)
+    middle = {key: 0.5 * (range_.low + range_.high) for key, range_ in ranges.items()}
+    none = {key: middle[key] if key in when else parameters[key].default for key in ranges}
     robots = {"friction": _friction} if None in none.values() else {}
     return {
         key: float(value) if isinstance(value, int | float) else robots.get(name, lambda _, r=ranges[key]: r.low)(task)

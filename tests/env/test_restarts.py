@@ -141,7 +141,7 @@ def test_an_episode_goes_on_from_the_moment_bit_for_bit(name: str, horizon: int 
     overrides = {
         "curriculum": None,
         "restarts": {**DECLARED, "fraction": 0.99},
-        "randomisation.action_delay.delay": latency,
+        "randomisation": latency and {"action_delay": {"delay": latency}},
     }
     declared = replace(load_task(name, overrides), horizon=horizon)
     env, commands = BatchEnv(declared, 1, SEED, threads=1), actions(2000, 1, scale=0.1)

@@ -40,5 +40,5 @@ def failed_step() -> tuple[UnstableStep, dict]:
     position = 1  # behind the time
     np.testing.assert_array_equal(step.state[position : position + len(before)], before)
     assert step.info["environment"] == 1 and step.info["control_step"] == 4
-    assert set(step.varied) == {"mass", "friction", "gains"}
+    assert set(step.varied) == {"body_mass", "body_inertia", "geom_friction", "gains", "force", "ground"}
     return step, data

@@ -35,7 +35,9 @@ def test_a_step_survives_its_file_and_fails_again_in_the_same_physics_step(faile
     loaded, task = load_step(file)
     for name in ("state", "terrain", "action"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(step, name))
-    assert loaded.varied == step.varied
+    assert loaded.varied.keys() == step.varied.keys() and loaded.substeps == step.substeps
+    for name in step.varied:
+        np.testing.assert_array_equal(loaded.varied[name], step.varied[name])
     assert loaded.info["num_timesteps"] == 12
     found, again = replay(loaded, task), replay(step, task)
     assert found == again
@@ -62,18 +64,6 @@ def test_targets_and_kicks_on_the_way_survive_the_file(tmp_path: Path) -> None:
             np.testing.assert_array_equal(found, expected)
 
 
-def test_a_file_of_the_format_before_has_nothing_on_the_way(failed, tmp_path: Path) -> None:
-    step, data = failed
-    save_step(step, tmp_path / "new.safetensors", task=data, task_file=str(PATH))
-    with safe_open(tmp_path / "new.safetensors", "numpy") as opened:
-        meta = {key: text.replace('{"format": 2', '{"format": 1') for key, text in opened.metadata().items()}
-        assert meta != opened.metadata()
-    old = {"state": step.state, "terrain": step.terrain, "action": step.action}
-    save_file(old, tmp_path / "old.safetensors", meta)
-    loaded, task = load_step(tmp_path / "old.safetensors")
-    assert replay(loaded, task) == replay(step, task)
-
-
 @pytest.mark.parametrize("damage", ["empty", "half", "pickle", "no data", "other format", "task", "versions", "shape"])
 def test_a_file_that_is_damaged_is_a_sentence(damage: str, failed, tmp_path: Path) -> None:
     step, data = failed
@@ -94,7 +84,7 @@ def test_a_file_that_is_damaged_is_a_sentence(damage: str, failed, tmp_path: Pat
     elif damage == "no data":
         save_file({"state": step.state}, file)
     elif damage == "other format":
-        file.write_bytes(content.replace(b'{\\"format\\": 2', b'{\\"format\\": 3'))
+        file.write_bytes(content.replace(b'{\\"format\\": 3', b'{\\"format\\": 2'))
     elif damage == "shape":
         with safe_open(file, "numpy") as opened:
             meta = opened.metadata()
