@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ogmp_sb3.config import registry
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.rendering.frame import Frame
 from ogmp_sb3.rendering.player import Player
@@ -23,6 +24,7 @@ FRAME_TIME = 1 / 30  # s between two updates of the scene
 PLOT_EVERY = 4  # updates of the scene between two of the plots
 PLOT_STEPS = 300  # control steps in the plots
 PLOT_HEIGHT = 130  # pixels
+IN_TEST = "evaluation.randomisation."
 PUSHES = {"forward": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 REWARD_COLOUR, DEVIATION_COLOUR, RHO_COLOUR = "#2a9d5c", "#2878ff", "#dc3228"
 
@@ -161,6 +163,8 @@ class Viewer:
         buttons.on_click(lambda event: self._asked.put(actions[event.target.value]))
         self._add_commands()
         self._add_overrides(overrides)
+        if self.player.policy is not None and self.player.task.randomised:
+            self._add_disturbances(overrides)
         if self.player.policy is not None:
             with gui.add_folder("Push"):
                 strength = gui.add_slider("Velocity", 0.1, 2.0, 0.1, 0.5, hint="m/s")
@@ -205,12 +209,39 @@ class Viewer:
             button = gui.add_button("Apply", hint="begin anew with them")
             self._mistake = gui.add_markdown("", visible=False)
 
-        def apply() -> None:
-            try:
-                self._open(self._load(shlex.split(field.value)), field.value)
-            except (ValueError, KeyError, TypeError) as error:
-                self._mistake.content, self._mistake.visible = str(error.args[0]), True
+        button.on_click(lambda _: self._asked.put(lambda: self._begin_with(field.value)))
 
+    def _begin_with(self, overrides: str) -> None:
+        """Begin anew with overrides of the task, or say what is wrong with them."""
+        try:
+            self._open(self._load(shlex.split(overrides)), overrides)
+        except (ValueError, KeyError, TypeError) as error:
+            self._mistake.content, self._mistake.visible = str(error.args[0]), True
+
+    def _add_disturbances(self, overrides: str) -> None:
+        """A slider for each parameter of the disturbances of the training, and a button to begin anew with them."""
+        gui, now = self.server.gui, self.player.task.evaluation.randomised
+        sliders: dict[str, Any] = {}
+        wanted = {f"{term}.{key}": r.low for term, ranges in now.items() for key, r in ranges.items() if not r.words}
+        with gui.add_folder("Disturbances", expand_by_default=False):
+            choice = gui.add_dropdown("Disturbance", tuple(self.player.task.randomised))
+            for term, ranges in self.player.task.randomised.items():
+                for key, range_ in ranges.items():
+                    name = f"{term}.{key}"
+                    sliders[name] = _add_size(gui, term, key, range_, wanted.get(name))
+                    sliders[name].on_update(lambda event, name=name: wanted.update({name: event.target.value}))
+            button = gui.add_button("Disturb", hint="begin anew with all of them")
+
+        def show_sliders(_: Any = None) -> None:
+            for name, slider in sliders.items():
+                slider.visible = name.partition(".")[0] == choice.value
+
+        def apply() -> None:
+            others = [key for key in shlex.split(overrides) if not key.startswith(IN_TEST)]
+            self._begin_with(shlex.join([*others, *(f"{IN_TEST}{name}={size:g}" for name, size in wanted.items())]))
+
+        show_sliders()
+        choice.on_update(show_sliders)
         button.on_click(lambda _: self._asked.put(apply))
 
     def _set_by(self, control: Any, target: Any, attribute: str) -> None:
@@ -256,6 +287,22 @@ class Viewer:
         bound = [] if rho is None else [np.full(len(reward), rho)]
         self._plots[0].data = (seconds, deviation, *bound)
         self._plots[1].data = (seconds, reward)
+
+
+def _add_size(gui: Any, term: str, key: str, range_: Range, now: float | None) -> Any:
+    """A slider of a disturbance's parameter, from where nothing is disturbed to half beyond its range.
+
+    :param now: where it is; None: at no disturbance, or in the middle where that is the robot's own
+    """
+    default = registry.randomisations.parameters(term)[key].default
+    none = float(default) if isinstance(default, int | float) else 0.5 * (range_.low + range_.high)
+    least, most = registry.randomisations.limits(term).get(key, (-np.inf, np.inf))
+    low, high = min(none, range_.low), max(none, range_.high)
+    margin = 0.5 * (high - low) or 1.0
+    low, high = max(low - margin if range_.low < none else low, least), min(high + margin, most)
+    start = min(max(none if now is None else now, low), high)
+    marks = tuple((end, f"{end:g}") for end in sorted({range_.low, range_.high}))
+    return gui.add_slider(key, low, high, (high - low) / 100, start, marks=marks)
 
 
 def _add_parameter(gui: Any, key: str, range_: Range) -> Any:

@@ -14,6 +14,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -22,6 +23,7 @@ import pytest
 from helpers.players import flat, still_player
 from helpers.programs import program
 from ogmp_sb3.config.load import load_task
+from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.viewer import PLOT_EVERY, Viewer
 
@@ -201,6 +203,36 @@ def test_overrides_of_the_task_begin_anew_with_its_bound_and_its_modes(tmp_path:
             apply(viewer, mistake)
             assert viewer.player is player
             assert viewer._mistake.visible and sentence in viewer._mistake.content
+    finally:
+        viewer.server.stop()
+
+
+def test_the_disturbances_of_the_training_have_sliders_and_begin_anew_as_they_were_set() -> None:
+    trained = ["randomisation.friction.coefficient=[0.4,1.2]", "randomisation.push={speed: [0, 0.6], every: 2}"]
+
+    def load_player(overrides: list[str]) -> Player:
+        return still_player(load_task("parkour", [*trained, *overrides]))
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        viewer = Viewer(load_player, "127.0.0.1", 0, ["rho=0.3"])
+    try:
+        shown = controls(viewer)
+        assert shown["Disturbance"].options == ("friction", "push")
+        assert "coefficient" in shown and "speed" not in shown
+        shown["Disturbance"].value = "push"
+        for callback in shown["Disturbance"]._impl.update_cb:
+            callback(None)
+        speed = controls(viewer)["speed"]
+        assert (speed.min, speed.value) == (0.0, 0.0) and speed.max == pytest.approx(0.9)
+        speed.value = 0.45
+        for callback in speed._impl.update_cb:
+            callback(SimpleNamespace(target=speed))
+        for callback in controls(viewer)["Disturb"]._impl.update_cb:
+            callback(None)
+        viewer.advance(0.0)
+        assert viewer.player.task.evaluation.randomised == {"push": {"speed": Range(0.45, 0.45)}}
+        assert viewer.player.task.rho == 0.3
+        assert controls(viewer)["Overrides"].value == "rho=0.3 evaluation.randomisation.push.speed=0.45"
     finally:
         viewer.server.stop()
 
