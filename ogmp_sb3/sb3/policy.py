@@ -139,6 +139,16 @@ class LstmPolicy(RecurrentActorCriticPolicy):
             optimizer: Any = self.optimizer_class
             self.optimizer = optimizer(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
+    def critic_weights(self) -> list[nn.Parameter]:
+        """The weights that values depend on, and actions do not."""
+        parts = (self.lstm_critic, self.critic, self.mlp_extractor.value_net, self.value_net)
+        return [weight for part in parts if part is not None for weight in part.parameters()]
+
+    def actor_weights(self) -> list[nn.Parameter]:
+        """All others: those that actions depend on."""
+        critic = {id(weight) for weight in self.critic_weights()}
+        return [weight for weight in self.parameters() if id(weight) not in critic]
+
     def _memory(self, inputs: int) -> nn.Module:
         """An LSTM of the policy's size, with the layers in front of it."""
         hidden, layers = self.lstm_actor.hidden_size, self.lstm_actor.num_layers

@@ -312,11 +312,10 @@ class RecurrentPPO(StockRecurrentPPO):
 
     def _clip_gradients(self) -> th.Tensor:
         """Clip the gradients; returns the norm that they had."""
-        clip, named = th.nn.utils.clip_grad_norm_, list(self.policy.named_parameters())
+        clip, policy = th.nn.utils.clip_grad_norm_, self.policy
         if self.critic_max_grad_norm is None:
-            return clip([weight for _, weight in named], self.max_grad_norm)
-        critic = [weight for name, weight in named if "critic" in name or "value_net" in name]
-        actor = [weight for name, weight in named if not ("critic" in name or "value_net" in name)]
+            return clip(policy.parameters(), self.max_grad_norm)
+        actor, critic = policy.actor_weights(), policy.critic_weights()
         return th.hypot(clip(actor, self.max_grad_norm), clip(critic, self.critic_max_grad_norm))
 
     def _actor_gradients(

@@ -7,6 +7,7 @@ import pytest
 import torch as th
 from gymnasium import spaces
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from ogmp_sb3.sb3.policy import LayeredLstm, LstmPolicy, Normaliser
 
@@ -70,3 +71,27 @@ def test_layers_in_front_of_an_lstm_are_what_they_say() -> None:
     output, (next_hidden, next_cell) = memory(x, states)
     for found, wanted in ((output, expected), (next_hidden, hidden), (next_cell, cell)):
         th.testing.assert_close(found, wanted)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        NETWORK,
+        {**NETWORK, "input_layers": (8,)},
+        {**NETWORK, "critic_layers": (12, 6), "enable_critic_lstm": False},
+        {**NETWORK, "net_arch": {"pi": [7], "vf": [9]}},
+    ],
+)
+def test_the_weights_of_the_critic_are_those_that_values_depend_on_and_no_action_does(network: dict) -> None:
+    th.manual_seed(0)
+    box = spaces.Box(-1.0, 1.0, (5,), np.float32)
+    policy = LstmPolicy(box, spaces.Box(-1.0, 1.0, (2,), np.float32), lambda _: 1e-3, **network)
+    features, states, starts = random_sequences(False)
+    memory = RNNStates(states, states)
+    values, log_prob, _ = policy.evaluate_actions(features, th.zeros(len(features), 2), memory, starts)
+    for loss, weights in ((values.sum(), policy.critic_weights()), (log_prob.sum(), policy.actor_weights())):
+        policy.zero_grad()
+        loss.backward(retain_graph=True)
+        moved = {id(weight) for weight in policy.parameters() if weight.grad is not None}
+        assert moved == {id(weight) for weight in weights}
+    assert len(policy.critic_weights()) + len(policy.actor_weights()) == len(list(policy.parameters()))
