@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ogmp_sb3.config import registry
+from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Actor
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP, Part
@@ -63,6 +64,18 @@ def torque_limit(low: float, high: float) -> float | list[float | None] | None:
     return limit(high) if low == -high else [limit(low), limit(high)]
 
 
+def guidance(task: TaskConfig) -> dict[str, Any]:
+    """What the oracle's side of a controller needs beside set-points, as plain data."""
+    robot = task.robot_config
+    return {
+        "oracle_params": task.oracle_params.get(task.oracle, {}),
+        "feedback": list(task.feedback),
+        "gait": {"height": task.gait.height, "cycle": task.gait.cycle},
+        "srb": {"mass": robot.srb.mass, "inertia": list(robot.srb.inertia)},
+        "feet": len(robot.feet),
+    }
+
+
 def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
     """The content of ``controller.json``, but for the checksums of the files beside it.
 
@@ -94,6 +107,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "high": [limit(value) for value in servos.target_high],
         },
         "encoder_features": list(FEATURE_NAMES) if task.uses_latent else None,
+        "guidance": guidance(task) if task.uses_latent else None,
         "gains": {
             "kp": servos.kp.tolist(),
             "kd": servos.kd.tolist(),

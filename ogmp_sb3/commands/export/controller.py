@@ -12,6 +12,8 @@ each with its slice; which of these there are depends on the task::
     clock_sin, clock_cos    of 2 pi k / n, k = 0 ... n - 1 control steps after an oracle was asked for n;
                             n is ``horizon``, or the length of the mode where that is null
     mode_latent      1      what ``encoder.onnx`` makes of the oracle's reference, computed once per query
+    mirrored_mode_latent    the same of the reference's mirror image (y, roll and yaw, and their velocities, negated)
+    commanded_speed  m/s    the heading speed that the mode asks for where the base is, as from a joystick
     height_scan      m      ground at the base's x + i * spacing (``observation.terms``) and the base's y, world axes,
                             minus the ground under the base, within -1 ... 1 m
 

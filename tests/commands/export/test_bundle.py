@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from ogmp_sb3.commands.export import bundle
+from ogmp_sb3.commands.export import controller as example
 from ogmp_sb3.commands.export.controller import Controller
+from ogmp_sb3.config.load import load_task
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.observations import CLIP
 
@@ -112,6 +114,26 @@ def test_gains_and_targets_are_those_of_the_servos(exported) -> None:
     env.step(action[None])
     targets = np.array(info["action"]["nominal"]) + info["action"]["scale"] * action
     np.testing.assert_allclose(env.sim.ctrl[0, env.sim.servos.ctrl], targets)
+
+
+def test_what_the_oracle_plans_with_is_that_of_the_task(exported) -> None:
+    loaded, _, out = exported("parkour")
+    task, guidance = loaded.task, json.loads((out / "controller.json").read_text())["guidance"]
+    assert guidance["oracle_params"] == task.oracle_params["preview"]
+    assert guidance["oracle_params"]["Q"]["z"] == 11000.0
+    assert guidance["feedback"] == ["x", "y", "z", "vx", "vy", "vz"]
+    assert guidance["gait"] == {"height": 0.55, "cycle": 0.25}
+    assert guidance["srb"] == {"mass": 14.046, "inertia": [0.36634, 0.333831, 0.133149]}
+    assert guidance["feet"] == 2
+    assert json.loads((exported("blind")[2] / "controller.json").read_text())["guidance"] is None
+
+
+def test_every_component_of_a_shipped_term_is_in_the_docstring_of_the_controller() -> None:
+    task = load_task("parkour", {"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True})
+    names = [component["name"] for component in bundle.observation_components(BatchEnv(task, threads=1))]
+    assert {"commanded_speed", "mirrored_mode_latent", "height_scan"} < set(names)
+    words = (example.__doc__ or "").replace(",", " ").split()
+    assert [name for name in names if name not in words] == []
 
 
 SERVO = '<position kp="30" kv="0.5" forcerange="-30 30"/>'
