@@ -87,8 +87,12 @@ class Observer:
         self.boxes, self.spans = np.array(track["boxes"]), np.array(track["spans"])
         self.phase, self.latent = 0, {}
 
-    def observe(self, state: State) -> np.ndarray:
-        """The observation of a control step; once each, in order. Every ``horizon`` steps the oracle is asked."""
+    def observe(self, state: State, last_action: np.ndarray) -> np.ndarray:
+        """The observation of a control step; once each, in order. Every ``horizon`` steps the oracle is asked.
+
+        :param last_action: of the controller
+        """
+        self.last_action = last_action
         if self._horizon is not None and self.phase == self._horizon:
             self.phase = 0
         if self.phase == 0 and self._oracle is not None and self._encoder is not None:
@@ -127,6 +131,8 @@ COMPONENTS: dict[str, Callable[[Observer, State], np.ndarray | float]] = {
     "base_linvel_b": lambda _, state: state.rotation.T @ state.linvel,
     "base_angvel_b": lambda _, state: state.rotation.T @ state.angvel,
     "joint_vel": lambda _, state: state.joint_vel,
+    "gravity_b": lambda _, state: -state.rotation[2],
+    "last_action": lambda observer, _: observer.last_action,
     "clock_sin": lambda observer, _: float(np.sin(observer.angle)),
     "clock_cos": lambda observer, _: float(np.cos(observer.angle)),
     "commanded_speed": lambda observer, state: commanded_speed(observer.spans, state.pos[0]),

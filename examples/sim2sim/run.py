@@ -118,7 +118,7 @@ def play(
     state, fell, step = world.state(), "", 0
     begin = state.pos[0]
     while step < data["steps"] and not fell:
-        world.step(controller.step(observer.observe(state)), control_dt)
+        world.step(controller.step(observer.observe(state, controller.last_action)), control_dt)
         state, step = world.state(), step + 1
         fell = cause(state, observer.boxes, data["fall"])
         if watch is not None:

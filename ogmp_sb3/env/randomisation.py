@@ -67,6 +67,21 @@ def friction(subject: Subject, coefficient: float | None = None) -> Disturbance:
 
 
 @randomisations.register()
+@parameter_limits(time_constant=(0.0005, 0.2))
+def contact(subject: Subject, time_constant: float | None = None) -> Disturbance:
+    """How hard contacts are: sinking in dies away like the response of a damped spring (``solref`` of MuJoCo).
+
+    MuJoCo makes no contact harder than two physics steps: with steps of 2 ms the least is 4 ms.
+
+    :param time_constant: s; MuJoCo's default is 0.02
+    """
+    values = subject.field("geom_solref")
+    if time_constant is not None:
+        values[:, 0] = time_constant
+    return Disturbance(model={"geom_solref": values})
+
+
+@randomisations.register()
 @parameter_limits(scale=(0.05, 20.0), each=(0.0, 0.9))
 def gains(subject: Subject, scale: float = 1.0, each: float = 0.0) -> Disturbance:
     """Gains kp and kd of the servos; torque limits stay.

@@ -47,6 +47,7 @@ LABELS = {
     "slope": "rise of the track (rad)",
     "rough_ground": "unseen height of boxes (m)",
     "wind": "wind (N)",
+    "contact": "time constant of contacts (s)",
     "payload": "payload (kg)",
     "joint_offset": "offset of joints (rad)",
 }
@@ -128,7 +129,7 @@ def _none(task: TaskConfig, name: str, ranges: dict[str, Range]) -> dict[str, fl
     when = registry.randomisations.not_sizes(name)
     middle = {key: 0.5 * (range_.low + range_.high) for key, range_ in ranges.items()}
     none = {key: middle[key] if key in when else parameters[key].default for key in ranges}
-    robots = {"friction": _friction} if None in none.values() else {}
+    robots = {"friction": _friction, "contact": _time_constant} if None in none.values() else {}
     return {
         key: float(value) if isinstance(value, int | float) else robots.get(name, lambda _, r=ranges[key]: r.low)(task)
         for key, value in none.items()
@@ -142,6 +143,12 @@ def _friction(task: TaskConfig) -> float:
     friction, priority = model.geom_friction[feet, 0], model.geom_priority[feet] - ground.priority
     both = np.where(priority == 0, np.maximum(friction, ground.friction[0]), friction)
     return float(np.where(priority < 0, ground.friction[0], both).max())
+
+
+def _time_constant(task: TaskConfig) -> float:
+    """The time constant of contacts between feet and ground, s."""
+    model = build_model(task.robot_config, task.physics_dt, 1)
+    return float(model.geom_solref[foot_geoms(model, task.robot_config), 0].max())
 
 
 def episode_sets(disturbances: list[Sweep]) -> int:

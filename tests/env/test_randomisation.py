@@ -109,6 +109,16 @@ def test_friction_damping_and_armature_of_the_joints_alone_are_changed() -> None
     assert not model.dof_frictionloss[:6].any() and not model.dof_damping[:6].any()
 
 
+def test_every_contact_is_as_hard_as_was_drawn() -> None:
+    env = begun(1, contact={"time_constant": 0.006})
+    for _ in range(10):
+        env.step(still(env))
+    model, data = env.sim.mj.get_model(0), env.sim.mj.get_data(0)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+    np.testing.assert_allclose([contact.solref[0] for contact in data.contact], 0.006)
+
+
 # ---- the world ----
 
 

@@ -126,6 +126,9 @@ def test_tracks_are_those_of_the_environment(named: dict[str, Any]) -> None:
     assert data["tracks"][0]["boxes"] != data["tracks"][1]["boxes"]
 
 
+OF_A_ROBOT = {f"observations.{name}": {} for name in ("imu", "joints", "last_action")}
+
+
 def test_observations_are_those_of_the_environment_over_several_queries(tmp_path: Path) -> None:
     import observe
     import prepare
@@ -134,7 +137,9 @@ def test_observations_are_those_of_the_environment_over_several_queries(tmp_path
 
     pytest.importorskip("onnxruntime")
     no_end = {"evaluation.terminations.fall.min_height": -5.0}  # a robot that falls goes on
-    task = evaluated(**{"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True, **no_end})
+    task = evaluated(
+        **{"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True, **OF_A_ROBOT, **no_end}
+    )
     encoder = task_encoder(task)
     assert encoder is not None
     (tmp_path / "encoder.onnx").write_bytes(encoder_model(encoder).SerializeToString())
@@ -143,10 +148,10 @@ def test_observations_are_those_of_the_environment_over_several_queries(tmp_path
     terms = {name: parameters for name, parameters in task.observations.items() if parameters is not None}
     info = told(task) | {"observation": {"terms": terms, "components": bundle.observation_components(env)}}
     names = [component["name"] for component in info["observation"]["components"]]
-    assert {"commanded_speed", "mode_latent", "mirrored_mode_latent", "height_scan"} < set(names)
+    assert {"commanded_speed", "mirrored_mode_latent", "height_scan", "gravity_b", "last_action"} < set(names)
     observer = observe.Observer(tmp_path, info)
     observer.begin(prepare.tracks(task, 1, 7)["tracks"][0])
-    observation, rng = env.reset(), np.random.default_rng(0)
+    observation, rng, action = env.reset(), np.random.default_rng(0), np.zeros((1, env.action_size))
     for _ in range(70):
         view = env.view()
         state = observe.State(
@@ -157,10 +162,11 @@ def test_observations_are_those_of_the_environment_over_several_queries(tmp_path
             joint_pos=view.joint_pos[0],
             joint_vel=view.joint_vel[0],
         )
-        found = observer.observe(state)
+        found = observer.observe(state, action[0])
         limit = bundle.CLIP * env.observation_scale
         np.testing.assert_allclose(np.clip(found, -limit, limit), observation[0], rtol=1e-5, atol=2e-5)
-        observation = env.step(rng.uniform(-0.1, 0.1, (1, env.action_size))).observation
+        action = rng.uniform(-0.1, 0.1, (1, env.action_size))
+        observation = env.step(action).observation
 
 
 def test_what_the_example_does_not_know_is_one_sentence(tmp_path: Path) -> None:

@@ -82,6 +82,7 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
     :param env: of the policy's task
     """
     task, servos, lstm = loaded.task, env.sim.servos, loaded.policy.lstm_actor
+    sees_latent = task.for_evaluation().uses_latent  # the policy, not its critic alone
     return {
         "format": FORMAT,
         "task": task.name,
@@ -106,8 +107,8 @@ def description(loaded: LoadedPolicy, env: BatchEnv) -> dict[str, Any]:
             "low": [limit(value) for value in servos.target_low],
             "high": [limit(value) for value in servos.target_high],
         },
-        "encoder_features": list(FEATURE_NAMES) if task.uses_latent else None,
-        "guidance": guidance(task) if task.uses_latent else None,
+        "encoder_features": list(FEATURE_NAMES) if sees_latent else None,
+        "guidance": guidance(task) if sees_latent else None,
         "gains": {
             "kp": servos.kp.tolist(),
             "kd": servos.kd.tolist(),
@@ -130,7 +131,7 @@ def export(loaded: LoadedPolicy, env: BatchEnv, out: Path) -> None:
 
     out.mkdir(parents=True, exist_ok=True)
     models = {ACTOR: actor_model(loaded.policy)}
-    encoder = task_encoder(loaded.task)
+    encoder = task_encoder(loaded.task.for_evaluation())
     if encoder is not None:
         models[ENCODER] = encoder_model(encoder)
     for name, model in models.items():

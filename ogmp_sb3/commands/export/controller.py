@@ -9,6 +9,8 @@ each with its slice; which of these there are depends on the task::
     base_linvel_b    m/s    velocity of the base's origin, in the axes of the body
     base_angvel_b    rad/s  angular velocity of the base, in the axes of the body (what a gyroscope gives)
     joint_vel        rad/s  in the order of ``action.joints``
+    gravity_b        1      direction of gravity, of length 1, in the axes of the body
+    last_action      1      ``Controller.last_action``: what the policy gave in the control step before; 0 in the first
     clock_sin, clock_cos    of 2 pi k / n, k = 0 ... n - 1 control steps after an oracle was asked for n;
                             n is ``horizon``, or the length of the mode where that is null
     mode_latent      1      what ``encoder.onnx`` makes of the oracle's reference, computed once per query
@@ -64,6 +66,7 @@ class Controller:
     def reset(self) -> None:
         """Forget what was; to be called before the first step of an episode."""
         self._h = self._c = np.zeros(self._state_shape, dtype=np.float32)
+        self.last_action = np.zeros(len(self._nominal))
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The policy's action, shape (joints,), in [-1, 1]; keeps the network's state for the next step."""
@@ -72,6 +75,7 @@ class Controller:
         clipped = np.clip(observation, -self._limit, self._limit).astype(np.float32)
         inputs = {"obs": clipped[None], "h": self._h, "c": self._c}
         action, self._h, self._c = self._session.run(["action", "h_next", "c_next"], inputs)
+        self.last_action = action[0]
         return action[0]  # type: ignore[no-any-return]
 
     def step(self, observation: np.ndarray) -> np.ndarray:

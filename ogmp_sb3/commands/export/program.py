@@ -65,7 +65,7 @@ def _run(arguments: list[str]) -> None:
         difference, seconds = parity(loaded, env, Controller(folder))
         _check("actor", difference)
         report = [f"Actions over {PARITY_STEPS} steps differ from PyTorch's by at most {difference:.1e}."]
-        if loaded.task.uses_latent:
+        if loaded.task.for_evaluation().uses_latent:
             difference = encoder_parity(loaded, Path(folder) / ENCODER)
             _check("encoder", difference)
             report.append(f"Latents of {PARITY_REFERENCES} references differ by at most {difference:.1e}.")

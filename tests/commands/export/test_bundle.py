@@ -129,9 +129,10 @@ def test_what_the_oracle_plans_with_is_that_of_the_task(exported) -> None:
 
 
 def test_every_component_of_a_shipped_term_is_in_the_docstring_of_the_controller() -> None:
-    task = load_task("parkour", {"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True})
-    names = [component["name"] for component in bundle.observation_components(BatchEnv(task, threads=1))]
-    assert {"commanded_speed", "mirrored_mode_latent", "height_scan"} < set(names)
+    both_sides = {"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True}
+    tasks = load_task("parkour", both_sides), load_task("parkour_robot")
+    names = [part["name"] for task in tasks for part in bundle.observation_components(BatchEnv(task, threads=1))]
+    assert {"commanded_speed", "mirrored_mode_latent", "height_scan", "gravity_b", "last_action"} < set(names)
     words = (example.__doc__ or "").replace(",", " ").split()
     assert [name for name in names if name not in words] == []
 
