@@ -13,6 +13,7 @@ from helpers.faults import read_only
 from helpers.programs import program
 from ogmp_sb3.commands import evaluate
 from ogmp_sb3.commands.evaluate import ANALYSES, METRICS, EvalConfig, protocol_task, training_task
+from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.runs.policies import load_policy
 
 ASKED = {"grid": "jump.w,jump.h", "robustness": True, "epsilon": True, "falls": True}
@@ -37,6 +38,10 @@ def test_every_analysis_is_asked_for_by_the_key_of_its_name() -> None:
             "'grid' and 'epsilon' are different evaluations: give one of them",
         ),
         ({"grid": "jump.w,jump.h", "protocol": "endless"}, "'grid' plays the task's own protocol, not 'protocol=endl"),
+        (
+            {"worst_case": True, "disturbed": True},
+            "'worst_case' disturbs the policy itself: leave 'disturbed=true' out",
+        ),
         ({"epsilon": True, "protocol": "endless"}, "'epsilon' plays the task's own protocol, not 'protocol=endless'"),
     ],
 )
@@ -52,6 +57,15 @@ def test_robustness_decides_on_the_disturbances_of_the_test_and_uses_those_of_th
     assert training_task(loaded, ["randomisation.mass.scale=1.1"], config).randomisation is not None
     with pytest.raises(ValueError, match="randomisation"):
         training_task(loaded, ["randomisation.mass.scale=1.1"], EvalConfig(run="parkour"))
+
+
+def test_a_test_may_have_the_disturbances_of_the_training() -> None:
+    loaded, config = load_policy("parkour"), EvalConfig(run="parkour", disturbed=True)
+    trained = training_task(loaded, ["randomisation.mass.scale=[0.8,1.2]"], config)
+    assert protocol_task(trained, config).randomised == {"mass": {"scale": Range(0.8, 1.2)}}
+    assert not protocol_task(trained, EvalConfig(run="parkour")).randomised
+    with pytest.raises(ValueError, match="'disturbed=true': 'parkour' has no 'randomisation'; give some, e.g. "):
+        protocol_task(training_task(loaded, [], config), config)
 
 
 def test_the_endless_protocol_has_neither_an_end_nor_a_share_of_the_time_and_is_not_for_timed_modes() -> None:
