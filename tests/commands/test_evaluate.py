@@ -64,7 +64,7 @@ def test_a_test_may_have_the_disturbances_of_the_training() -> None:
     trained = training_task(loaded, ["randomisation.mass.scale=[0.8,1.2]"], config)
     assert protocol_task(trained, config).randomised == {"mass": {"scale": Range(0.8, 1.2)}}
     assert not protocol_task(trained, EvalConfig(run="parkour")).randomised
-    with pytest.raises(ValueError, match="'disturbed=true': 'parkour' has no 'randomisation'; give some, e.g. "):
+    with pytest.raises(ValueError, match="'disturbed=true': 'parkour' has no 'randomisation'; give some"):
         protocol_task(training_task(loaded, [], config), config)
 
 
