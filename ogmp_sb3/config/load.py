@@ -157,8 +157,10 @@ def _check_sampling(task: TaskConfig, where: Where) -> None:
 def _check_curriculum(task: TaskConfig, curriculum: CurriculumConfig, where: Where) -> None:
     for kind, easy, full, named in (
         ("modes", curriculum.modes, task.mode_ranges, task.modes),
-        ("randomisation", curriculum.randomisation, task.randomised, task.randomisation or {}),
+        ("randomisation", curriculum.randomisation, task.randomised, task.randomisation),
     ):
+        if named is None:  # all of it is off
+            continue
         _check_names(easy, named, where / kind)
         check_ranges(easy, where / kind, complete=False, kinds=KINDS_OF_RANGES[kind])
         for name, ranges in easy.items():

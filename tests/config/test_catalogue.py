@@ -60,7 +60,10 @@ def test_what_cannot_be_a_name_is_unknown(kind: str, name: str, monkeypatch, tmp
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("task", "unknown task 'parkuor' (allowed: dive, parkour, stairs). Did you mean 'parkour'? Or give the path"),
+        (
+            "task",
+            "unknown task 'parkuor' (allowed: dive, parkour, parkour_robot, stairs). Did you mean 'parkour'? ",
+        ),
         ("encoder", "no encoder 'parkuor' (allowed: dive, parkour). Did you mean 'parkour'? ogmp-encode trains one."),
         ("policy", "'parkuor' is neither a run directory nor a shipped policy (allowed: dive, parkour). Did you mean"),
         ("robot", "unknown robot 'parkuor' (allowed: hector)."),

@@ -16,7 +16,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.disturbances import Disturbances
 
-TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
+TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml") if not path.stem.endswith("_robot"))
 SEED = 5
 EVERYTHING = {
     "mass": {"scale": [0.8, 1.2]},

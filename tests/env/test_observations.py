@@ -180,8 +180,8 @@ def test_the_commanded_speed_is_a_number_in_metres_a_second() -> None:
 
 
 def test_an_imu_feels_gravity_in_its_own_axes_whatever_the_heading() -> None:
-    rolled = wxyz(Rotation.from_euler("xyz", [[np.pi / 2, 0, 0], [np.pi / 2, 0, 0]]))
-    turned = wxyz(Rotation.from_euler("z", [0.0, 1.0]) * Rotation.from_quat(rolled[:, [1, 2, 3, 0]]))
+    rolled = wxyz(Rotation.from_euler("xyz", [[np.pi / 2, 0, 0]] * 2))
+    turned = wxyz(Rotation.from_euler("z", [[0.0], [1.0]]) * Rotation.from_quat(rolled[:, [1, 2, 3, 0]]))
     rates = np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
     signal = imu(make_view(2, base_quat=turned, base_angvel_b=rates))
     np.testing.assert_allclose(signal.value[:, :3], [[0, -1, 0]] * 2, atol=1e-12)  # left side up: right is down

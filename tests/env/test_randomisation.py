@@ -303,7 +303,9 @@ def test_a_curriculum_widens_what_is_drawn() -> None:
 
 def test_a_word_of_the_curriculum_that_the_task_does_not_have_is_one_sentence() -> None:
     with pytest.raises(KeyError, match=r"'curriculum\.randomisation' has 'mass'"):
-        load_task("parkour", {"curriculum.randomisation": {"mass": {"scale": 1.0}}})
+        keys = {"randomisation": {"push": {"speed": 1.0}}, "curriculum.randomisation": {"mass": {"scale": 1.0}}}
+        load_task("parkour", keys)
+    assert load_task("parkour_robot", {"randomisation": None}).randomised == {}
 
 
 # ---- plug-ins ----

@@ -78,7 +78,8 @@ def test_torques_are_those_that_mujoco_brings_to_the_joints(servo: str, tmp_path
     """Gains vary, targets leave the range that servos follow, and filters are on their way."""
     sim = in_the_air(variant(tmp_path, (SERVOS, servo)), 3)
     rows = np.arange(3)
-    sim.vary(rows, mass=np.array([1.0, 1.3, 0.9]), gains=np.array([0.5, 1.0, 1.4]))
+    masses = np.array([1.0, 1.3, 0.9])[:, None] * sim.model.body_mass
+    sim.vary(rows, {"body_mass": masses, "gains": np.repeat([[0.5], [1.0], [1.4]], len(NOMINAL), axis=1)})
     rng = np.random.default_rng(0)
     sim.set_targets(NOMINAL + rng.uniform(-1.5, 1.5, (3, 12)))
     sim.step(None, 10)

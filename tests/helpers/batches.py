@@ -14,7 +14,13 @@ from ogmp_sb3.guidance.terrain import height_at
 TASKS = sorted(path.stem for path in TASKS_DIR.glob("*.yaml"))
 ON_TRACK = [name for name in TASKS if load_task(name).horizon is not None]
 SEED = 5
-OPEN = {"rho": None, "min_step_reward": None, "terminations": {"fall": None}, "episode_steps": 100_000}
+OPEN = {
+    "rho": None,
+    "min_step_reward": None,
+    "terminations": {"fall": None},
+    "episode_steps": 100_000,
+    "randomisation": None,
+}
 """Overrides under which an episode on a track never ends."""
 
 

@@ -20,7 +20,10 @@ from ogmp_sb3.config.robot import INPUT_NAMES, STATE_NAMES
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_yaml
 
-TEXTS = {name: (TASKS_DIR / f"{name}.yaml").read_text(encoding="utf-8") for name in ("dive", "parkour", "stairs")}
+TEXTS = {
+    name: (TASKS_DIR / f"{name}.yaml").read_text(encoding="utf-8")
+    for name in ("dive", "parkour", "parkour_robot", "stairs")
+}
 SHIPPED = {name: read_yaml(TASKS_DIR / f"{name}.yaml") for name in TEXTS}
 
 
