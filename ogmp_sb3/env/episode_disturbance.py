@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 
 from ogmp_sb3.config import registry
@@ -15,7 +14,11 @@ from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.observations import Part
-from ogmp_sb3.env.servos import Servos
+
+if TYPE_CHECKING:  # which a machine that draws nothing can do without
+    import mujoco
+
+    from ogmp_sb3.env.servos import Servos
 
 LONGEST_DELAY = 0.5  # s; more is a slip of the pen, or a number of control steps
 

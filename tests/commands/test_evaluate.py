@@ -16,7 +16,7 @@ from ogmp_sb3.commands.evaluate import ANALYSES, METRICS, EvalConfig, protocol_t
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.runs.policies import load_policy
 
-ASKED = {"grid": "jump.w,jump.h", "robustness": True, "epsilon": True, "falls": True}
+ASKED = {"grid": "jump.w,jump.h", "robustness": True, "worst_case": True, "epsilon": True, "falls": True}
 
 
 def test_every_analysis_is_asked_for_by_the_key_of_its_name() -> None:

@@ -77,7 +77,7 @@ def test_so_do_cells_of_a_grid_sizes_of_a_disturbance_and_epsilon() -> None:
     (result,) = robustness.play_disturbed([mass], policy, task, 2, 0, None, lambda _: None)
     assert {point["no_fall_fraction"]["n"] for point in result["points"]} == {1}
     report = {"robustness": [result], "episodes": 2}
-    sizes = len(mass.values)
+    sizes = len(mass.points)
     assert robustness.robustness_copies_text(report).startswith(f"In {sizes} of {sizes} sizes of disturbances, ")
     found = epsilon.estimate_epsilon(policy, task, 4, 0, lambda _: None)
     assert (found["episodes"], found["left_out"], found["copies"]) == (1, 0, 3)

@@ -121,7 +121,7 @@ def test_a_missing_task_is_one_sentence(tmp_path: Path) -> None:
     done = program("train", "rho=0.1", cwd=tmp_path)
     assert done.returncode == 2
     assert "'task' is missing: give task=<name> or task=<file> (allowed: dive, " in done.stderr
-    assert "parkour, stairs" in done.stderr  # beside those that other tests of this process have named
+    assert "parkour, parkour_robot, stairs" in done.stderr  # beside those that other tests of this process have named
 
 
 def test_keys_that_the_file_leaves_out_reach_the_training(tmp_path: Path) -> None:

@@ -384,5 +384,5 @@ def test_check_validates_lists_and_draws(tmp_path: Path) -> None:
     done = program("check", "dive", f"out={tmp_path}", "randomisation.mass.scale=[0.9,1.1]", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "preview" in done.stdout and "flip" in done.stdout
-    assert "mass 0.9..1.1" in done.stdout
+    assert "mass (scale 0.9..1.1)" in done.stdout
     assert (tmp_path / "references.png").stat().st_size > 5000
