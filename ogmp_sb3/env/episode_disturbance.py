@@ -13,7 +13,7 @@ from ogmp_sb3.config.answers import answer_text, call
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.observations import Part
+from ogmp_sb3.env import observations
 
 if TYPE_CHECKING:  # which a machine that draws nothing can do without
     import mujoco
@@ -35,7 +35,7 @@ class Subject:
     """its servos"""
     boxes: int
     """how many boxes the terrain has"""
-    parts: Mapping[str, Part]
+    parts: Mapping[str, observations.Part]
     """what the policy observes, by name"""
     typical: Mapping[str, np.ndarray]
     """typical sizes of these, each of shape (size,)"""
