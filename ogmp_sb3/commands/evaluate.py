@@ -38,6 +38,7 @@ from ogmp_sb3.runs.settings import versions
 from ogmp_sb3.runs.storage import save_json
 
 PROGRAM = "ogmp-eval"
+DISTURBANCES = "randomisation"  # key of a task; an analysis that uses it disturbs policies itself
 
 
 def measure_metrics(request: Request, progress: Progress) -> Report:
@@ -73,7 +74,7 @@ ANALYSES = (
         measure=measure_robustness,
         sets=count_sets,
         endless=True,
-        training_keys=("randomisation",),
+        training_keys=(DISTURBANCES,),
         refused_keys={"evaluation.randomisation": "disturbs one thing at a time; its ranges are 'randomisation'."},
         rows=robustness_rows,
         plot=lambda report, path: plot_robustness(report["robustness"], path),
@@ -85,7 +86,7 @@ ANALYSES = (
         sets=count_points,
         episodes=POINT_EPISODES,
         endless=True,
-        training_keys=("randomisation",),
+        training_keys=(DISTURBANCES,),
         refused_keys={"evaluation.randomisation": "looks through the ranges of 'randomisation'."},
         rows=worst_case_rows,
         show=lambda report, console: console.print(worst_case_tables(report)),
@@ -107,8 +108,6 @@ ANALYSES = (
     ),
 )
 """What can be measured instead of the metrics, each asked for by the key of its name."""
-DISTURBING = ("robustness", "worst_case")
-EXAMPLE = "randomisation.mass.scale=[0.8,1.2]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +143,7 @@ class EvalConfig:
         names = [analysis.name for analysis in self.analyses]
         if len(names) > 1:
             raise ValueError(f"{' and '.join(map(repr, names))} are different evaluations: give one of them.")
-        if self.disturbed and names and names[0] in DISTURBING:
+        if self.disturbed and DISTURBANCES in self.analysis.training_keys:
             raise ValueError(f"'{names[0]}' disturbs the policy itself: leave 'disturbed=true' out.")
         if self.protocol == "endless" and not self.analysis.endless:
             raise ValueError(f"'{self.analysis.name}' plays the task's own protocol, not 'protocol=endless'.")
@@ -195,7 +194,7 @@ def training_task(loaded: LoadedPolicy, overrides: list[str], config: EvalConfig
         for key, reason in analysis.refused_keys.items():
             if override.startswith(key):
                 raise ValueError(f"'{override}': '{analysis.name}' {reason}")
-    keys = ("randomisation",) if config.disturbed else analysis.training_keys
+    keys = (DISTURBANCES,) if config.disturbed else analysis.training_keys
     return task_for_test(loaded.task_data, loaded.task_path, overrides, config.scene, PROGRAM, keys)
 
 
@@ -208,7 +207,8 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
     task = trained.for_evaluation()
     if config.disturbed:
         if not trained.randomised:
-            raise ValueError(f"'disturbed=true': '{task.name}' has no 'randomisation'; give some, e.g. {EXAMPLE}.")
+            example = "randomisation.mass.scale=[0.8,1.2]"
+            raise ValueError(f"'disturbed=true': '{task.name}' has no 'randomisation'; give some, e.g. {example}.")
         task = replace(task, randomisation=trained.randomisation)
     metric_names(task)
     if config.protocol == "endless":

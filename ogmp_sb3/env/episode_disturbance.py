@@ -155,7 +155,8 @@ def _check(what: str, given: Disturbance, subject: Subject) -> None:
     """:raises ValueError: if something does not fit the robot or what is observed"""
     observed = dict.fromkeys((*given.bias, *given.noise, *given.dropout))
     if observed and not any(part in subject.parts for part in observed):
-        raise ValueError(f"{what} disturbs '{chr(39).join(observed)}', which is not observed.")
+        named = "', '".join(observed)
+        raise ValueError(f"{what} disturbs '{named}', which is not observed.")
     joints = (len(subject.robot.joints),)
     shapes: list[tuple[str, Any, tuple[int, ...]]] = [
         ("force", given.force, (3,)),

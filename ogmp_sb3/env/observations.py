@@ -39,6 +39,10 @@ class Signal:
     parts: tuple[Part, ...] = ()
     """what stands where, for those who rebuild the observation elsewhere; empty: one quantity without a unit"""
 
+    def parts_of(self, term: str) -> tuple[Part, ...]:
+        """What stands where, in order; all of it under the term's name if that does not say."""
+        return self.parts or (Part(term, "", len(self.scale)),)
+
 
 @observations.register()
 def proprioception(view: EnvView) -> Signal:

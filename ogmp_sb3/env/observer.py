@@ -36,11 +36,9 @@ class Observer:
         return np.concatenate([signal.scale for signal in _signals(self._of_policy, view).values()])
 
     def parts(self, view: EnvView) -> list[Part]:
-        """What the policy sees, in order; a term that does not say what it is made of is one part of its name."""
-        parts: list[Part] = []
-        for name, signal in _signals(self._of_policy, view).items():
-            parts += signal.parts or (Part(name, "", signal.value.shape[1]),)
-        return parts
+        """What the policy sees, in order."""
+        signals = _signals(self._of_policy, view)
+        return [part for name, signal in signals.items() for part in signal.parts_of(name)]
 
     def policy(self, view: EnvView, sensors: Sensors | None = None) -> np.ndarray:
         """What the policy sees of some environments, shape (n, size), float32.

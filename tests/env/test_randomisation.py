@@ -246,6 +246,9 @@ def test_an_error_of_what_is_not_observed_is_one_sentence() -> None:
     given = {"randomisation": {"sensor_noise": {"scale": 0.1}}, "observations.proprioception": None}
     with pytest.raises(ValueError, match="disturbs 'proprioception', which is not observed"):
         BatchEnv(load_task("parkour", given))
+    given = {"randomisation": {"imu": {"rate": 0.1}}, "observations.proprioception": None}
+    with pytest.raises(ValueError, match="disturbs 'base_angvel_b', 'gravity_b', 'base_quat', which is not observed"):
+        BatchEnv(load_task("parkour", given))
 
 
 # ---- episodes ----

@@ -14,7 +14,7 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.agent import Actor
 from ogmp_sb3.env.batch_env import BatchEnv
-from ogmp_sb3.env.observations import CLIP, Part
+from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.guidance.latent import reference_features, task_encoder
 from ogmp_sb3.guidance.reference_data import reference_data
 from ogmp_sb3.runs.policies import LoadedPolicy
@@ -44,7 +44,7 @@ def observation_components(env: BatchEnv) -> list[dict[str, Any]]:
             continue
         signal = registry.observations.get(term)(view, **parameters)
         begin = start
-        for part in signal.parts or (Part(term, "", len(signal.scale)),):
+        for part in signal.parts_of(term):
             end = start + part.size
             scale = signal.scale[start - begin : end - begin].tolist()
             components.append(
