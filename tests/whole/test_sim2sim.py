@@ -360,8 +360,11 @@ def test_a_robot_that_lands_and_slides_agrees(world, hector: RobotConfig, solref
 def test_a_track_is_played_to_its_fall_and_the_table_says_where(world, tmp_path: Path) -> None:
     import run
 
-    controller = SimpleNamespace(info={"control_dt": 0.03}, reset=lambda: None, step=lambda _: np.full(10, 0.2))
-    observer = SimpleNamespace(begin=lambda track: None, observe=lambda _: None, boxes=np.array([[-2, 2, -1, 1, 0.0]]))
+    crouch = np.full(10, 0.2)
+    controller = SimpleNamespace(
+        info={"control_dt": 0.03}, reset=lambda: None, step=lambda _: crouch, last_action=np.zeros(10)
+    )
+    observer = SimpleNamespace(begin=lambda track: None, observe=lambda *_: None, boxes=np.array([[-2, 2, -1, 1, 0.0]]))
     start = {"base_pos": [0, 0, 0.5], "base_quat": [1, 0, 0, 0], "base_linvel": [0, 0, 0], "joint_pos": [0.0] * 10}
     data = {"steps": 200, "track_length": 10.0, "fall": {"min_height": 0.3, "fill_gaps": True}}
     track = {"seed": 3, "start": start, "modes": [["pace", 9.0], ["leap", 10.0]], "boxes": [], "spans": []}
