@@ -350,7 +350,7 @@ class BatchEnv:
         """
         lengths = self.disturbances.lengths(rows)
         arrivals = self.disturbances.arrivals(targets, rows, lengths)
-        kicks = self.disturbances.kicks(self.step_count, rows)
+        kicks = self.disturbances.kicks(rows, lengths)
         sensed_at = self.disturbances.sensed_at(rows, lengths)
         self.sim.step(rows, self.task.substeps if lengths is None else lengths, arrivals, kicks, sensed_at)
 

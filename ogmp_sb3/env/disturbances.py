@@ -14,7 +14,7 @@ import numpy as np
 
 from ogmp_sb3.config.ranges import ModeRanges, Range
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.episode_disturbance import LONGEST_DELAY, Subject, drawn
+from ogmp_sb3.env.episode_disturbance import LONGEST_DELAY, OF_OBSERVATIONS, Subject, drawn
 from ogmp_sb3.env.events import Events, no_events
 from ogmp_sb3.env.observations import Part
 from ogmp_sb3.env.simulation import Simulation
@@ -24,7 +24,6 @@ NO_KICKS = no_events(2)
 NEVER = -1.0  # the physics step in which a target arrives that was never sent
 OF_AN_EPISODE = ("action_delay", "action_jitter", "sensor_delay", "sensor_jitter", "step_jitter", "push_speed",
                  "push_every", "force", "ground", "gains", "target_offset")  # fmt: skip
-OF_OBSERVATIONS = ("bias", "noise", "dropout")
 
 
 class Disturbances:
@@ -48,10 +47,11 @@ class Disturbances:
         self._fields: dict[str, np.ndarray] = {}  # of the models that are varied
         if any(task.randomised for task in tasks):
             joints, boxes = len(tasks[0].robot_config.joints), tasks[0].track.boxes
-            depth = int(self._physics_steps(LONGEST_DELAY)) // self._substeps + 2
-            shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*OF_AN_EPISODE, "first_push"), ())
+            self._depth = int(self._physics_steps(LONGEST_DELAY)) // self._substeps + 2
+            shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*OF_AN_EPISODE, "next_push"), ())
             shapes |= {"force": (3,), "ground": (boxes,), "gains": (joints,), "target_offset": (joints,)}
-            shapes |= {"targets": (depth, joints), "arrive": (depth,)}  # newest first; physics steps from now
+            # What was sent, newest first, and in how many physics steps it arrives.
+            shapes |= {"targets": (self._depth, joints), "arrive": (self._depth,)}
             self._arrays = {name: np.zeros((len(tasks), *shape)) for name, shape in shapes.items()}
             self._arrays["arrive"][:] = NEVER
             self._arrays["gains"][:] = 1.0
@@ -73,6 +73,8 @@ class Disturbances:
         self._typical = {name: scale[place] for name, place in self._places.items()}
         for name in (*OF_OBSERVATIONS, "last"):
             self._arrays[name] = np.zeros((len(self._tasks), len(scale)))
+        self._arrays["history"] = np.zeros((len(self._tasks), self._depth, len(scale)))  # newest first
+        self._sensed = np.repeat([part.sensed for part in parts], [part.size for part in parts])
         for task in {id(task): task for task in self._tasks}.values():
             subject = self._subject(np.random.default_rng(0))
             least = drawn(task, subject, lambda _, __, full: full.corners()[0], checked=False)
@@ -127,11 +129,15 @@ class Disturbances:
             for part, size in getattr(total, name).items():
                 if part in self._places:
                     arrays[name][row, self._places[part]] = size
+        # Whole control steps: what is within one, the sensors are read earlier for.
+        steps = np.rint(arrays["age"][row] / task.control_dt)
+        steps[self._sensed] += self._physics_steps(total.sensor_delay) // self._substeps
+        arrays["age"][row] = steps
         self._make_room(total.model, subject)
         for name, values in self._fields.items():
             values[row] = total.model.get(name, subject.field(name))
         if total.push_every > 0.0:
-            arrays["first_push"][row] = rng.integers(max(self._physics_steps(total.push_every), 1))
+            arrays["next_push"][row] = rng.integers(max(self._physics_steps(total.push_every), 1))
 
     def _make_room(self, names: Iterable[str], subject: Subject) -> None:
         """Have fields of the models that terms vary, as the robot has them where none does."""
@@ -184,23 +190,25 @@ class Disturbances:
             delays[i] += self._rng[rows[i]].uniform(0.0, jitter[i])
         return delays
 
-    def kicks(self, step_count: np.ndarray, rows: np.ndarray | None) -> Events:
+    def kicks(self, rows: np.ndarray | None, lengths: np.ndarray | None) -> Events:
         """Pushes of this control step: changes of horizontal velocities, m/s.
 
-        :param step_count: control steps of the episodes so far, shape (num_envs,), int
         :param rows: environments that are stepped, or None for all
+        :param lengths: of :meth:`lengths`
         """
         if not self._arrays or not self._arrays["push_speed"].any():
             return NO_KICKS
-        arrays, rows = self._arrays, np.arange(len(step_count)) if rows is None else rows
+        arrays, rows = self._arrays, np.arange(len(self._tasks)) if rows is None else rows
         rows = rows[(arrays["push_speed"][rows] > 0.0) & (arrays["push_every"][rows] > 0.0)]
+        steps = np.full(len(rows), self._substeps) if lengths is None else lengths[rows]
         every = np.maximum(self._physics_steps(arrays["push_every"][rows]), 1)
-        next_at = (arrays["first_push"][rows].astype(int) - step_count[rows] * self._substeps) % every
-        kicks = [
-            (at, rows[i], self._kick(rows[i]))
-            for i in np.flatnonzero(next_at < self._substeps)
-            for at in range(next_at[i], self._substeps, every[i])
-        ]
+        next_push = arrays["next_push"]  # physics steps from now
+        kicks = []
+        for row, length, apart in zip(rows, steps, every, strict=True):
+            while next_push[row] < length:
+                kicks.append((int(next_push[row]), row, self._kick(row)))
+                next_push[row] += apart
+        next_push[rows] -= steps
         if not kicks:
             return NO_KICKS
         return Events(*map(np.array, zip(*kicks, strict=True)))
@@ -236,7 +244,8 @@ class Disturbances:
             return None
         at: np.ndarray = np.full(len(self._tasks), self._substeps) if lengths is None else lengths.copy()
         rows = np.arange(len(self._tasks)) if rows is None else rows
-        at[rows] -= self._physics_steps(self._with_jitter("sensor", rows))
+        whole = self._physics_steps(self._arrays["sensor_delay"][rows]) // self._substeps * self._substeps
+        at[rows] -= self._physics_steps(self._with_jitter("sensor", rows)) - whole
         at[at < 0] = 0
         return at
 
@@ -250,7 +259,7 @@ class Disturbances:
         if not self._places:
             return values
         rows = np.arange(len(values)) if rows is None else rows
-        measured: np.ndarray = values + arrays["bias"][rows]
+        measured: np.ndarray = self._as_old_as_it_is(values, rows) + arrays["bias"][rows]
         # One generator for each environment, so that its noise does not depend on how many others there are.
         for i in np.flatnonzero(arrays["noise"][rows].any(axis=1)):
             measured[i] += arrays["noise"][rows[i]] * self._rng[rows[i]].standard_normal(values.shape[1])
@@ -260,10 +269,21 @@ class Disturbances:
         arrays["last"][rows] = measured
         return measured
 
+    def _as_old_as_it_is(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Values of the control steps that they are old, shape (n, size)."""
+        if not self._arrays["age"].any():
+            return values
+        age, history = self._arrays["age"][rows].astype(int), self._arrays["history"]
+        history[rows, 1:] = history[rows, :-1]
+        history[rows, 0] = values
+        old: np.ndarray = history[rows[:, None], age, np.arange(values.shape[1])]
+        return old
+
     def first_measured(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """As :meth:`measured`, of environments whose episodes begin: there is nothing before it to be kept."""
+        """As :meth:`measured`, of environments whose episodes begin: before it everything was as it is."""
         if self._places:
             self._arrays["last"][rows] = values
+            self._arrays["history"][rows] = values[:, None]
         return self.measured(values, rows)
 
     # ------------------------------------------------------------------ state

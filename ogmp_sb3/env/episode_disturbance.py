@@ -94,6 +94,8 @@ class Disturbance:
     """standard deviation of white noise on what is observed, by the name of the part, in its unit"""
     dropout: Mapping[str, float] = field(default_factory=dict)
     """probability that a value is the one of the control step before, by the name of the part"""
+    age: Mapping[str, float] = field(default_factory=dict)
+    """how much older a part is than what else is observed, by its name, s, rounded to control steps"""
     push_speed: float = 0.0
     """change of the base's velocity in a random horizontal direction, m/s"""
     push_every: float = 0.0
@@ -105,6 +107,7 @@ Value = Callable[[str, str, Range], float | str]
 ROUNDING = 1e-9  # s
 SUMMED = ("force", "ground", "action_delay", "action_jitter", "sensor_delay", "sensor_jitter", "step_jitter",
           "target_offset", "push_speed")  # fmt: skip
+OF_OBSERVATIONS = ("bias", "noise", "dropout", "age")
 
 
 def drawn(task: TaskConfig, subject: Subject, value: Value, checked: bool) -> Disturbance:
@@ -133,13 +136,15 @@ def drawn(task: TaskConfig, subject: Subject, value: Value, checked: bool) -> Di
 def _added(total: Disturbance, more: Disturbance) -> Disturbance:
     """Two disturbances at once."""
     sums = {name: getattr(total, name) + getattr(more, name) for name in SUMMED}
-    bias, noise, dropout = dict(total.bias), dict(total.noise), dict(total.dropout)
+    bias, noise, dropout, age = (dict(getattr(total, kind)) for kind in OF_OBSERVATIONS)
     for part, size in more.bias.items():
         bias[part] = bias.get(part, 0.0) + size
     for part, size in more.noise.items():
         noise[part] = np.hypot(noise.get(part, 0.0), size)
     for part, share in more.dropout.items():
         dropout[part] = 1.0 - (1.0 - dropout.get(part, 0.0)) * (1.0 - share)
+    for part, seconds in more.age.items():
+        age[part] = age.get(part, 0.0) + seconds
     return Disturbance(
         model={**total.model, **more.model},
         gains=total.gains * more.gains,
@@ -147,13 +152,14 @@ def _added(total: Disturbance, more: Disturbance) -> Disturbance:
         bias=bias,
         noise=noise,
         dropout=dropout,
+        age=age,
         **sums,
     )
 
 
 def _check(what: str, given: Disturbance, subject: Subject) -> None:
     """:raises ValueError: if something does not fit the robot or what is observed"""
-    observed = dict.fromkeys((*given.bias, *given.noise, *given.dropout))
+    observed = dict.fromkeys(part for kind in OF_OBSERVATIONS for part in getattr(given, kind))
     if observed and not any(part in subject.parts for part in observed):
         named = "', '".join(observed)
         raise ValueError(f"{what} disturbs '{named}', which is not observed.")
@@ -163,7 +169,7 @@ def _check(what: str, given: Disturbance, subject: Subject) -> None:
         ("ground", given.ground, (subject.boxes,)),
     ]
     shapes += [("gains", given.gains, joints), ("target_offset", given.target_offset, joints)]
-    for kind in ("bias", "noise", "dropout"):
+    for kind in OF_OBSERVATIONS:
         for part, size in getattr(given, kind).items():
             if part in subject.parts:
                 shapes.append((f"{kind} of '{part}'", size, (subject.parts[part].size,)))
@@ -181,11 +187,13 @@ def _check(what: str, given: Disturbance, subject: Subject) -> None:
 
 def _check_times(total: Disturbance, task: TaskConfig) -> None:
     """:raises ValueError: if a delay is longer than can be"""
-    step = task.control_dt
+    step, sensors = task.control_dt, total.sensor_delay + total.sensor_jitter
+    oldest = {"observations are": sensors} | {f"'{part}' is": sensors + more for part, more in total.age.items()}
     for what, found, most in (
         ("actions are late by up to", total.action_delay + total.action_jitter, LONGEST_DELAY),
         ("the delay of actions differs by up to", total.action_jitter, step),
-        ("observations are old by up to", total.sensor_delay + total.sensor_jitter, step),
+        *((f"{what} old by up to", seconds, LONGEST_DELAY) for what, seconds in oldest.items()),
+        ("the age of observations differs by up to", total.sensor_jitter, step),
         ("control steps differ by up to", total.step_jitter, 0.5 * step),
     ):
         if found > most + ROUNDING:

@@ -26,6 +26,8 @@ class Part(NamedTuple):
     size: int
     measured: bool = False
     """whether the robot measures it of itself"""
+    sensed: bool = True
+    """False for what a controller knows by itself, so that no delay of sensors makes it old"""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def imu(view: EnvView) -> Signal:
 def last_action(view: EnvView) -> Signal:
     """The policy's last action, which may not have reached the servos yet; 0 before the first."""
     size = view.action.shape[1]
-    return Signal(view.action, np.full(size, 0.1), (Part("last_action", "1", size),))
+    return Signal(view.action, np.full(size, 0.1), (Part("last_action", "1", size, sensed=False),))
 
 
 @observations.register()

@@ -162,10 +162,11 @@ def action_delay(subject: Subject, delay: float = 0.0, jitter: float = 0.0) -> D
 @randomisations.register()
 @parameter_limits(delay=(0.0, LONGEST_DELAY), jitter=(0.0, LONGEST_DELAY))
 def sensor_delay(subject: Subject, delay: float = 0.0, jitter: float = 0.0) -> Disturbance:
-    """How old what is observed is; with the jitter a control step at most.
+    """How old what is observed is.
 
     :param delay: s, rounded to physics steps
-    :param jitter: how much older at most, drawn for every observation, s
+    :param jitter: how much older at most, drawn for every observation, s; none is read in a control step before the
+        one in which it would have been read without
     """
     return Disturbance(sensor_delay=delay, sensor_jitter=jitter)
 
@@ -213,17 +214,20 @@ def imu(
 
 
 @randomisations.register()
-@parameter_limits(height=(0.0, 0.5), offset=(0.0, 0.5), dropout=(0.0, 0.99))
-def scan_noise(subject: Subject, height: float = 0.0, offset: float = 0.0, dropout: float = 0.0) -> Disturbance:
+@parameter_limits(height=(0.0, 0.5), offset=(0.0, 0.5), dropout=(0.0, 0.99), delay=(0.0, LONGEST_DELAY))
+def scan(
+    subject: Subject, height: float = 0.0, offset: float = 0.0, dropout: float = 0.0, delay: float = 0.0
+) -> Disturbance:
     """Errors of the terrain scan.
 
     :param height: standard deviation of white noise on every height, m
     :param offset: greatest constant error of all heights together, m
     :param dropout: probability that a point keeps its height of the control step before
+    :param delay: how much older it is than what else is observed, s, rounded to control steps
     """
     name = "height_scan"
     bias = offset * subject.rng.uniform(-1.0, 1.0)
-    return Disturbance(noise={name: height}, bias={name: bias}, dropout={name: dropout})
+    return Disturbance(noise={name: height}, bias={name: bias}, dropout={name: dropout}, age={name: delay})
 
 
 @randomisations.register()

@@ -314,7 +314,7 @@ def test_a_kick_comes_in_the_physics_step_at_its_time(every: float) -> None:
     env = BatchEnv(task(action_delay={"delay": 0.01}, push={"every": every, "speed": 0.2}), 1, SEED, threads=1)
     env.reset()
     model, data = by_hand(env)
-    first, apart = int(env.disturbances.arrays()["first_push"][0]), round(every / PHYSICS_DT)
+    first, apart = int(env.disturbances.arrays()["next_push"][0]), round(every / PHYSICS_DT)
     assert 0 <= first < apart
     commands, found = actions(10, 1), 0
     for k in range(10):
@@ -348,7 +348,7 @@ def test_pushes_come_at_their_time_first_at_a_random_one_in_all_directions() -> 
     times = [[] for _ in range(400)]
     kicks = []
     for step in range(40):
-        events = disturbances.kicks(np.full(400, step), None)
+        events = disturbances.kicks(None, None)
         for row, at in zip(events.rows, events.at, strict=True):
             times[row].append(SUBSTEPS * step + at)
         kicks.append(events.values)
@@ -365,9 +365,26 @@ def test_pushes_come_at_their_time_first_at_a_random_one_in_all_directions() -> 
     assert counts.min() > 0.7 * counts.mean()
 
 
+def test_pushes_keep_their_time_where_control_steps_are_longer_or_shorter() -> None:
+    """One second of physics has as many kicks, as far apart, however it is cut into control steps."""
+    disturbances = drawn(20, push={"every": 0.014, "speed": 0.2}, control_jitter={"jitter": 0.014})
+    begun = np.zeros(20, dtype=int)
+    times: list[list[int]] = [[] for _ in range(20)]
+    for _ in range(40):
+        lengths = disturbances.lengths(None)
+        events = disturbances.kicks(None, lengths)
+        assert (events.at < lengths[events.rows]).all()
+        for row, at in zip(events.rows, events.at, strict=True):
+            times[row].append(int(begun[row]) + int(at))
+        begun += lengths
+    assert len(set(begun)) > 1
+    for row, at in enumerate(times):
+        assert at == list(range(at[0], begun[row], 7))  # 14 ms of 2 ms steps
+
+
 def test_only_rows_that_are_stepped_are_pushed() -> None:
     disturbances = drawn(4, push={"every": 0.03, "speed": 1.0})
-    assert disturbances.kicks(np.zeros(4, dtype=int), np.array([1, 3])).rows.tolist() == [1, 3]
+    assert disturbances.kicks(np.array([1, 3]), None).rows.tolist() == [1, 3]
 
 
 def test_a_push_moves_the_base_as_fast_as_it_says() -> None:

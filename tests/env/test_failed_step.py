@@ -56,7 +56,7 @@ def test_a_kick_on_the_way_fails_again_in_its_physics_step() -> None:
     task = load_task("parkour", {"randomisation": {"push": {"every": 0.3, "speed": 1.0}}})
     env = env_module.BatchEnv(task, 1, seed=4, threads=1)
     env.reset()
-    env.disturbances.arrays()["first_push"][:] = 22
+    env.disturbances.arrays()["next_push"][:] = 22
     env.disturbances.arrays()["push_speed"][:] = 1e11
     for _ in range(2):
         result = env.step(np.zeros((1, 10)))

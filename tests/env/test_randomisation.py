@@ -29,7 +29,7 @@ EVERYTHING = {
     "sensor_delay": {"delay": [0, 0.01], "jitter": 0.004},
     "control_jitter": {"jitter": 0.004},
     "imu": {"rate": 0.1, "tilt": 0.02, "rate_bias": 0.05},
-    "scan_noise": {"height": 0.01, "offset": 0.01, "dropout": 0.1},
+    "scan": {"height": 0.01, "offset": 0.01, "dropout": 0.1, "delay": [0, 0.05]},
     "push": {"speed": [0, 0.6], "every": 0.3},
     "wind": {"force": [0, 10]},
     "slope": {"pitch": [-0.05, 0.05], "roll": [-0.05, 0.05]},
@@ -193,6 +193,36 @@ def test_an_observation_that_is_a_control_step_old_is_the_one_before() -> None:
         before = now
 
 
+@pytest.mark.parametrize("within", [0.0, 0.01])
+def test_an_observation_may_be_some_control_steps_old(within: float) -> None:
+    """Two control steps and a part of one: what a delay of that part gave two control steps ago."""
+    late, less = begun(2, sensor_delay={"delay": 0.06 + within}), begun(2, sensor_delay={"delay": within})
+    seen = [less.step(still(less)).observation[:, :31] for _ in range(4)]
+    for _ in range(4):
+        late.step(still(late))
+    for command in actions(6, 2):
+        seen.append(less.step(command).observation[:, :31])
+        np.testing.assert_array_equal(late.step(command).observation[:, :31], seen[-3])
+
+
+def test_what_is_older_than_an_episode_is_its_start() -> None:
+    late = begun(1, sensor_delay={"delay": 0.09})
+    start = late.reset()
+    for _ in range(3):
+        np.testing.assert_array_equal(late.step(still(late)).observation[:, :31], start[:, :31])
+    assert (late.step(still(late)).observation[:, 5:15] != start[:, 5:15]).any()
+
+
+def test_only_what_a_robot_senses_grows_old() -> None:
+    observations = {"proprioception": None, "mode_latent": None, "height_scan": None, "joints": {}, "last_action": {}}
+    changes = {"observations": observations, "randomisation": {"sensor_delay": {"delay": 0.09}}}
+    env = BatchEnv(load_task("parkour", changes), 2, SEED, threads=1)
+    env.reset()
+    for command in actions(3, 2):
+        observation = env.step(command).observation
+    np.testing.assert_allclose(observation[:, -10:], np.clip(command, -1.0, 1.0), atol=1e-6)
+
+
 def test_a_control_loop_that_does_not_keep_its_time_takes_more_or_fewer_physics_steps() -> None:
     env = begun(30, control_jitter={"jitter": 0.004})
     clock = env.sim.mj.bind("time")
@@ -226,8 +256,22 @@ def test_errors_of_the_imu_fall_on_rates_and_orientation_and_a_bias_stays() -> N
     assert not first[:, [0, *range(5, 18), *range(21, 60)]].any()
 
 
+def test_a_scan_may_be_older_than_the_rest() -> None:
+    late, prompt = begun(3, scan={"delay": 0.06}), begun(3)
+    seen = []
+    for each in (late, prompt):
+        each.sim.qvel[:, 0] = 3.0  # so that heights change
+    for command in actions(12, 3):
+        seen.append(prompt.step(command).observation)
+        observation = late.step(command).observation
+        np.testing.assert_array_equal(observation[:, :31], seen[-1][:, :31])
+        if len(seen) > 2:
+            np.testing.assert_array_equal(observation[:, -25:], seen[-3][:, -25:])
+    assert np.ptp([each[:, -25:] for each in seen], axis=0).max() > 0.05
+
+
 def test_points_of_a_scan_that_drop_out_keep_their_height() -> None:
-    env, clean = begun(300, scan_noise={"dropout": 0.3}), begun(300)
+    env, clean = begun(300, scan={"dropout": 0.3}), begun(300)
     for each in (env, clean):
         each.sim.qvel[:, 0] = 3.0  # so that heights change
     heights = [(e.step(still(e)).observation[:, -25:], o) for e, o in ((env, None), (clean, None))]
@@ -240,8 +284,8 @@ def test_points_of_a_scan_that_drop_out_keep_their_height() -> None:
 
 
 def test_an_error_of_what_is_not_observed_is_one_sentence() -> None:
-    given = {"randomisation": {"scan_noise": {"height": 0.1}}, "observations.height_scan": None}
-    with pytest.raises(ValueError, match=r"'scan_noise' gives disturbs 'height_scan', which is not observed"):
+    given = {"randomisation": {"scan": {"height": 0.1}}, "observations.height_scan": None}
+    with pytest.raises(ValueError, match=r"'scan' gives disturbs 'height_scan', which is not observed"):
         BatchEnv(load_task("parkour", given))
     given = {"randomisation": {"sensor_noise": {"scale": 0.1}}, "observations.proprioception": None}
     with pytest.raises(ValueError, match="disturbs 'proprioception', which is not observed"):
@@ -257,7 +301,12 @@ def test_an_error_of_what_is_not_observed_is_one_sentence() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"sensor_delay": {"delay": 0.03, "jitter": 0.01}}, "observations are old by up to 0.04 s; at most 0.03 s"),
+        ({"sensor_delay": {"delay": 0.49, "jitter": 0.02}}, "observations are old by up to 0.51 s; at most 0.5 s"),
+        ({"sensor_delay": {"jitter": 0.04}}, "the age of observations differs by up to 0.04 s; at most 0.03 s"),
+        (
+            {"sensor_delay": {"delay": 0.3}, "scan": {"delay": 0.3}},
+            "'height_scan' is old by up to 0.6 s",
+        ),
         ({"action_delay": {"jitter": 0.04}}, "the delay of actions differs by up to 0.04 s; at most 0.03 s"),
         ({"action_delay": {"delay": [0, 0.5], "jitter": 0.01}}, "actions are late by up to 0.51 s; at most 0.5 s"),
         ({"control_jitter": {"jitter": 0.02}}, "control steps differ by up to 0.02 s; at most 0.015 s"),
