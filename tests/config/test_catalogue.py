@@ -62,7 +62,8 @@ def test_what_cannot_be_a_name_is_unknown(kind: str, name: str, monkeypatch, tmp
     [
         (
             "task",
-            "unknown task 'parkuor' (allowed: dive, parkour, parkour_robot, stairs). Did you mean 'parkour'? ",
+            "unknown task 'parkuor' (allowed: dive, dive_robot, parkour, parkour_robot, stairs). "
+            "Did you mean 'parkour'? ",
         ),
         ("encoder", "no encoder 'parkuor' (allowed: dive, parkour). Did you mean 'parkour'? ogmp-encode trains one."),
         ("policy", "'parkuor' is neither a run directory nor a shipped policy (allowed: dive, parkour). Did you mean"),

@@ -164,7 +164,7 @@ def test_a_mistake_in_a_file_that_extends_another_is_rejected(wrong: dict[str, A
 def test_names_of_tasks_to_extend_are_completed() -> None:
     for branch in ("then", "else"):
         assert SCHEMA[branch]["properties"]["extends"]["anyOf"][0] == {
-            "enum": ["dive", "parkour", "parkour_robot", "stairs"]
+            "enum": ["dive", "dive_robot", "parkour", "parkour_robot", "stairs"]
         }
         assert list(SCHEMA[branch]["properties"])[1:] == list(WHOLE["properties"])[1:]
 

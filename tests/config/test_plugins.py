@@ -127,7 +127,7 @@ def test_scenes_encoders_and_policies_of_a_plugin_are_found_by_name(
     np.testing.assert_array_equal(load_encoder("diving")(states, steps), load_encoder("dive")(states, steps))
     assert load_policy("diving").path == folder / "policies" / "diving"
     assert {"dive", "diving"} <= set(names("encoder")) & set(names("policy"))
-    assert names("task") == ["dive", "parkour", "parkour_robot", "stairs"]
+    assert names("task") == ["dive", "dive_robot", "parkour", "parkour_robot", "stairs"]
 
 
 def test_the_entry_point_may_name_a_module_inside_the_package(install: Install) -> None:

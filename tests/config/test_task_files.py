@@ -212,8 +212,8 @@ def test_a_mode_comes_back_after_null(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "kind", "message"),
     [
-        ("extends: parkuor", KeyError, "'extends': unknown task 'parkuor' (allowed: dive, parkour, parkour_robot, "
-         "stairs). Did you mean 'parkour'? Or give the path of a YAML file."),
+        ("extends: parkuor", KeyError, "'extends': unknown task 'parkuor' (allowed: dive, dive_robot, parkour, "
+         "parkour_robot, stairs). Did you mean 'parkour'? Or give the path of a YAML file."),
         ("extends: bsae.yaml", ValueError, "bsae.yaml: no such file. Did you mean 'base.yaml'?"),
         ("extends: elsewhere/base.yaml", ValueError, "elsewhere/base.yaml: no such file."),
         ("extends: .", KeyError, "'extends': unknown task '.'"),

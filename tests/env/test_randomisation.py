@@ -360,6 +360,19 @@ def test_a_word_of_the_curriculum_that_the_task_does_not_have_is_one_sentence() 
     assert load_task("parkour_robot", {"randomisation": None}).randomised == {}
 
 
+@pytest.mark.parametrize("name", ["parkour_robot", "dive_robot"])
+def test_the_policy_of_a_robot_s_task_sees_only_what_a_robot_has(name: str) -> None:
+    env = BatchEnv(load_task(name), 8, SEED, threads=1)
+    env.reset()
+    for command in actions(3, 8):
+        observation = env.step(command).observation
+    assert np.isfinite(observation).all()
+    parts = {part.name for part in env.observer.parts(env.view())}
+    assert {"gravity_b", "base_angvel_b", "joint_pos", "joint_vel", "last_action"} < parts
+    assert not {"base_height", "base_quat", "base_linvel_b", "position_error"} & parts
+    assert env.critic_observation().shape == (8, 31 + 12)
+
+
 # ---- plug-ins ----
 
 

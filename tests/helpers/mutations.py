@@ -22,7 +22,7 @@ from ogmp_sb3.config.yaml_files import read_yaml
 
 TEXTS = {
     name: (TASKS_DIR / f"{name}.yaml").read_text(encoding="utf-8")
-    for name in ("dive", "parkour", "parkour_robot", "stairs")
+    for name in ("dive", "dive_robot", "parkour", "parkour_robot", "stairs")
 }
 SHIPPED = {name: read_yaml(TASKS_DIR / f"{name}.yaml") for name in TEXTS}
 

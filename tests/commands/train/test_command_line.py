@@ -95,7 +95,10 @@ def test_a_configuration_of_ones_own_may_have_other_keys() -> None:
         ("+experiment=rhoo", "unknown experiment 'rhoo' (allowed: "),
         ("+experiment=paper/diev", "Did you mean 'paper/dive'?"),
         ("+foo=3", "'foo' is not a known key (allowed: "),
-        ("task=dvie", "unknown task 'dvie' (allowed: dive, parkour, parkour_robot, stairs). Did you mean 'dive'?"),
+        (
+            "task=dvie",
+            "unknown task 'dvie' (allowed: dive, dive_robot, parkour, parkour_robot, stairs). Did you mean 'dive'?",
+        ),
         ("rho=0.1,0.2", "'rho=0.1,0.2' has several values: add -m to train each of them"),
         ("rho", "'rho' must have the form key=value as Hydra reads it: missing EQUAL at '<EOF>'."),
         ("rho=[", "'rho=[' must have the form key=value as Hydra reads it: "),

@@ -37,6 +37,8 @@ def test_every_key_is_there_with_its_meaning_and_default() -> None:
 
 def test_tasks_and_ready_experiments_are_there_and_nothing_of_the_yaml() -> None:
     text = usage()
-    assert "task dive, parkour, parkour_robot, stairs, or the path of a YAML file (required)" in " ".join(text.split())
+    assert "task dive, dive_robot, parkour, parkour_robot, stairs, or the path of a YAML file (required)" in " ".join(
+        text.split()
+    )
     assert "a ready sweep: horizon, observations, oracle_rho, rho, unguided\n" in text
     assert "???" not in text and "defaults:" not in text and "${" not in text
