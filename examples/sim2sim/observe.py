@@ -131,6 +131,7 @@ COMPONENTS: dict[str, Callable[[Observer, State], np.ndarray | float]] = {
     "base_linvel_b": lambda _, state: state.rotation.T @ state.linvel,
     "base_angvel_b": lambda _, state: state.rotation.T @ state.angvel,
     "joint_vel": lambda _, state: state.joint_vel,
+    "heading": lambda _, state: float(np.arctan2(state.rotation[1, 0], state.rotation[0, 0])),
     "gravity_b": lambda _, state: -state.rotation[2],
     "last_action": lambda observer, _: observer.last_action,
     "clock_sin": lambda observer, _: float(np.sin(observer.angle)),

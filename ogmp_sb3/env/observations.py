@@ -9,7 +9,13 @@ import numpy as np
 
 from ogmp_sb3.config.registry import looks_ahead, observations
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate_inverse, quat_to_rotvec
+from ogmp_sb3.guidance.rotations import (
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate_inverse,
+    quat_to_rotvec,
+    quat_to_rpy,
+)
 from ogmp_sb3.guidance.terrain import height_at, scan_points
 
 CLIP = 50.0  # observations are clipped to this many scales, which makes their bounds finite
@@ -94,6 +100,16 @@ def imu(view: EnvView) -> Signal:
     gravity = quat_rotate_inverse(view.base_quat, view.down)
     parts = (Part("gravity_b", "1", 3, measured=True), Part("base_angvel_b", "rad/s", 3, measured=True))
     return Signal(np.concatenate([gravity, view.base_angvel_b], axis=1), np.repeat((0.1, 1.0), 3), parts)
+
+
+@observations.register()
+def heading(view: EnvView) -> Signal:
+    """How far the base is turned about the vertical, to the left of the track (1), from -pi to pi.
+
+    What an inertial sensor integrates, or what a person who steers corrects.
+    """
+    yaw = quat_to_rpy(view.base_quat)[:, 2:]
+    return Signal(yaw, np.full(1, 0.1), (Part("heading", "rad", 1, measured=True),))
 
 
 @observations.register()

@@ -193,9 +193,16 @@ def sensor_noise(subject: Subject, scale: float = 0.0) -> Disturbance:
 
 
 @randomisations.register()
-@parameter_limits(rate=(0.0, 10.0), tilt=(0.0, 1.0), rate_bias=(0.0, 10.0), tilt_bias=(0.0, 1.0))
+@parameter_limits(
+    rate=(0.0, 10.0), tilt=(0.0, 1.0), rate_bias=(0.0, 10.0), tilt_bias=(0.0, 1.0), heading_bias=(0.0, 1.0)
+)
 def imu(
-    subject: Subject, rate: float = 0.0, tilt: float = 0.0, rate_bias: float = 0.0, tilt_bias: float = 0.0
+    subject: Subject,
+    rate: float = 0.0,
+    tilt: float = 0.0,
+    rate_bias: float = 0.0,
+    tilt_bias: float = 0.0,
+    heading_bias: float = 0.0,
 ) -> Disturbance:
     """Errors of angular velocity and orientation.
 
@@ -203,12 +210,14 @@ def imu(
     :param tilt: of white noise on the direction of gravity or the orientation, rad
     :param rate_bias: greatest constant error of the angular velocity along each axis, rad/s
     :param tilt_bias: greatest constant error of the direction of gravity along each axis, rad
+    :param heading_bias: greatest constant error of the heading, rad
     """
     noise: dict[str, np.ndarray | float] = {"base_angvel_b": rate, "gravity_b": tilt, "base_quat": 0.5 * tilt}
-    towards = subject.rng.uniform(-1.0, 1.0, 6)
+    towards = subject.rng.uniform(-1.0, 1.0, 7)
     bias: dict[str, np.ndarray | float] = {
         "base_angvel_b": rate_bias * towards[:3],
-        "gravity_b": tilt_bias * towards[3:],
+        "gravity_b": tilt_bias * towards[3:6],
+        "heading": heading_bias * towards[6],
     }
     return Disturbance(noise=noise, bias=bias)
 

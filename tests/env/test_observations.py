@@ -11,6 +11,7 @@ from ogmp_sb3.env.observations import (
     DEEPEST,
     clock,
     commanded_speed,
+    heading,
     height_scan,
     imu,
     joints,
@@ -187,6 +188,14 @@ def test_an_imu_feels_gravity_in_its_own_axes_whatever_the_heading() -> None:
     np.testing.assert_allclose(signal.value[:, :3], [[0, -1, 0]] * 2, atol=1e-12)  # left side up: right is down
     np.testing.assert_array_equal(signal.value[:, 3:], rates)
     assert [part.name for part in signal.parts] == ["gravity_b", "base_angvel_b"]
+
+
+def test_a_heading_is_the_turn_about_the_vertical_whatever_the_tilt() -> None:
+    """Beside scipy's: turned by some angle to the left, then pitched and rolled in its own axes."""
+    angles = np.array([[0.3, 0.2, -0.1], [-3.0, -0.4, 0.5], [0.0, 0.3, 0.0]])
+    signal = heading(make_view(3, base_quat=wxyz(Rotation.from_euler("ZYX", angles))))
+    np.testing.assert_allclose(signal.value, angles[:, :1], atol=1e-12)
+    assert [(part.name, part.unit, part.measured) for part in signal.parts] == [("heading", "rad", True)]
 
 
 def test_an_imu_on_a_slope_feels_it() -> None:

@@ -247,7 +247,7 @@ def test_an_encoder_s_offset_is_in_what_is_measured_and_in_what_is_commanded() -
 
 
 def test_errors_of_the_imu_fall_on_rates_and_orientation_and_a_bias_stays() -> None:
-    env, clean = begun(200, imu={"rate": 0.2, "tilt": 0.04, "rate_bias": 0.5}), begun(200)
+    env, clean = begun(200, imu={"rate": 0.2, "tilt": 0.04, "rate_bias": 0.5, "heading_bias": 0.1}), begun(200)
     first, second = (env.step(still(env)).observation - clean.step(still(clean)).observation for _ in range(2))
     bias = 0.5 * (first + second)[:, 18:21]
     assert 0.4 < np.abs(bias).max() < 0.5 + 0.2 * 4
@@ -291,7 +291,9 @@ def test_an_error_of_what_is_not_observed_is_one_sentence() -> None:
     with pytest.raises(ValueError, match="disturbs 'proprioception', which is not observed"):
         BatchEnv(load_task("parkour", given))
     given = {"randomisation": {"imu": {"rate": 0.1}}, "observations.proprioception": None}
-    with pytest.raises(ValueError, match="disturbs 'base_angvel_b', 'gravity_b', 'base_quat', which is not observed"):
+    with pytest.raises(
+        ValueError, match="disturbs 'base_angvel_b', 'gravity_b', 'heading', 'base_quat', which is not observed"
+    ):
         BatchEnv(load_task("parkour", given))
 
 

@@ -126,7 +126,8 @@ def test_tracks_are_those_of_the_environment(named: dict[str, Any]) -> None:
     assert data["tracks"][0]["boxes"] != data["tracks"][1]["boxes"]
 
 
-OF_A_ROBOT = {f"observations.{name}": {} for name in ("imu", "joints", "last_action")}
+OF_A_ROBOT = {f"observations.{name}": {} for name in ("imu", "heading", "joints", "last_action", "commanded_speed")}
+OF_A_ROBOT_PARTS = ("gravity_b", "heading", "joint_pos", "last_action", "commanded_speed")
 
 
 def test_observations_are_those_of_the_environment_over_several_queries(tmp_path: Path) -> None:
@@ -137,9 +138,7 @@ def test_observations_are_those_of_the_environment_over_several_queries(tmp_path
 
     pytest.importorskip("onnxruntime")
     no_end = {"evaluation.terminations.fall.min_height": -5.0}  # a robot that falls goes on
-    task = evaluated(
-        **{"observations.commanded_speed": {}, "observations.mode_latent.both_sides": True, **OF_A_ROBOT, **no_end}
-    )
+    task = evaluated(**{"observations.mode_latent.both_sides": True, **OF_A_ROBOT, **no_end})
     encoder = task_encoder(task)
     assert encoder is not None
     (tmp_path / "encoder.onnx").write_bytes(encoder_model(encoder).SerializeToString())
@@ -148,7 +147,7 @@ def test_observations_are_those_of_the_environment_over_several_queries(tmp_path
     terms = {name: parameters for name, parameters in task.observations.items() if parameters is not None}
     info = told(task) | {"observation": {"terms": terms, "components": bundle.observation_components(env)}}
     names = [component["name"] for component in info["observation"]["components"]]
-    assert {"commanded_speed", "mirrored_mode_latent", "height_scan", "gravity_b", "last_action"} < set(names)
+    assert {"mirrored_mode_latent", "height_scan", *OF_A_ROBOT_PARTS} < set(names)
     observer = observe.Observer(tmp_path, info)
     observer.begin(prepare.tracks(task, 1, 7)["tracks"][0])
     observation, rng, action = env.reset(), np.random.default_rng(0), np.zeros((1, env.action_size))

@@ -9,6 +9,7 @@ each with its slice; which of these there are depends on the task::
     base_linvel_b    m/s    velocity of the base's origin, in the axes of the body
     base_angvel_b    rad/s  angular velocity of the base, in the axes of the body (what a gyroscope gives)
     joint_vel        rad/s  in the order of ``action.joints``
+    heading          rad    turn of the base about the vertical, to the left of the track, from -pi to pi
     gravity_b        1      direction of gravity, of length 1, in the axes of the body
     last_action      1      ``Controller.last_action``: what the policy gave in the control step before; 0 in the first
     clock_sin, clock_cos    of 2 pi k / n, k = 0 ... n - 1 control steps after an oracle was asked for n;
