@@ -120,8 +120,12 @@ def load_robot(name_or_path: str, relative_to: Path = Path()) -> RobotConfig:
     path = find("robot", name_or_path, relative_to)
     where = Where(shown_path(path))
     robot = replace(read(RobotConfig, resolved(read_yaml(path), where), where), path=path)
-    if not is_file(robot.mjcf_path):
-        raise ValueError(f"{Where(shown_path(path)) / 'mjcf'}: there is no file {robot.mjcf_path}.")
+    try:
+        file = robot.mjcf_path
+    except ValueError as error:
+        raise ValueError(f"{where / 'mjcf'}: {error}") from None
+    if not is_file(file):
+        raise ValueError(f"{where / 'mjcf'}: there is no file {file}.")
     return robot
 
 

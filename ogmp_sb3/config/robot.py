@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ogmp_sb3.config.strict import all_different, positive
+from ogmp_sb3.config.model_file import model_file
+from ogmp_sb3.config.strict import all_different, not_negative, positive
 
 STATE_NAMES = ("roll", "pitch", "yaw", "x", "y", "z", "wx", "wy", "wz", "vx", "vy", "vz")
 INPUT_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -18,7 +19,8 @@ class RobotConfig:
     name: str
     """name of the robot"""
     mjcf: str
-    """MJCF file, relative to the YAML"""
+    """MJCF or URDF file: a path from the YAML; or ``package:<package>/<path>``, in an installed package; or
+    ``menagerie:<robot>[/<model>]``, of MuJoCo's Menagerie"""
     source: str
     """where the numbers come from"""
     base: str
@@ -35,6 +37,10 @@ class RobotConfig:
     """for the Froude number, m"""
     srb: SRB
     """single rigid body of the oracles"""
+    servos: ServoConfig | None = None
+    """position servos of the joints, in place of what drives them in the MJCF; None: they have them there"""
+    hold: dict[str, float] = field(default_factory=dict)
+    """joints that are stiff, and where, rad: neither driven nor observed"""
     path: Path = field(default=Path(), metadata={"internal": True})
     """the YAML file"""
 
@@ -46,6 +52,11 @@ class RobotConfig:
         positive("srb.mass", self.srb.mass)
         for value in self.srb.inertia:
             positive("srb.inertia", value)
+        if self.servos is not None:
+            self.servos.check(len(self.joints))
+        for name in self.hold:
+            if name in self.joints:
+                raise ValueError(f"'{name}' is among 'joints' and in 'hold'.")
         if not self.feet:
             raise ValueError("'feet' names no body.")
         all_different("joints", self.joints)
@@ -53,8 +64,35 @@ class RobotConfig:
 
     @property
     def mjcf_path(self) -> Path:
-        """The MJCF file."""
-        return self.path.parent / self.mjcf
+        """The MJCF file.
+
+        :raises ValueError: if it is in a package or a collection that is not there
+        """
+        return model_file(self.mjcf, self.path.parent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoConfig:
+    """Position servos, torque = kp (target - position) - kd velocity, in the order of the joints."""
+
+    kp: tuple[float, ...]
+    """N m/rad"""
+    kd: tuple[float, ...]
+    """N m s/rad"""
+    torque: tuple[float, ...] | None = None
+    """greatest torque, N m; None: as what drives the joints in the MJCF"""
+
+    def check(self, joints: int) -> None:
+        """:raises ValueError: if a list has not one number for each joint, or one that cannot be"""
+        lists = {"kp": self.kp, "kd": self.kd} | ({} if self.torque is None else {"torque": self.torque})
+        for name, values in lists.items():
+            if len(values) != joints:
+                raise ValueError(f"{joints} joints but {len(values)} numbers in servos.{name}.")
+            for i, value in enumerate(values):
+                if name == "kd":
+                    not_negative("servos.kd", {str(i): value})
+                else:
+                    positive(f"servos.{name}.{i}", value)
 
 
 @dataclass(frozen=True, kw_only=True)

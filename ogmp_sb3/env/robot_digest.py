@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.robot import RobotConfig
-from ogmp_sb3.env.robot_model import build_model, read_mjcf
+from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.env.robot_spec import read_mjcf
 
 PHYSICS_DT = 0.002  # s; the task's takes its place in a simulation
 NAMED = ("name", "mjcf", "source", "path")  # entries of robot.yaml that change nothing

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -12,6 +10,7 @@ import numpy as np
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.env.ground_contacts import add_missing_sensors, ground_bits
+from ogmp_sb3.env.robot_spec import in_the_file, robot_spec
 from ogmp_sb3.env.servos import read_servos
 from ogmp_sb3.guidance.rotations import quat_rotate
 from ogmp_sb3.guidance.srb import GRAVITY
@@ -19,7 +18,6 @@ from ogmp_sb3.guidance.terrain import NOTHING
 
 TERRAIN_FRICTION = (1.0, 0.005, 0.0001)  # sliding, torsional, rolling: MuJoCo's defaults
 NEEDED = {"contact": "CONTACT", "constraint": "CONSTRAINT", "actuation": "ACTUATION", "gravity": "GRAVITY"}
-FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
 VISIBLE_GROUPS = (0, 1, 2)  # MuJoCo's default: geoms of the other groups are not drawn
 UPRIGHT = 0.7  # cosine of the tilt that a base may have in the file
 GRAVITY_TOLERANCE = 0.05  # m/s^2: 9.8 is as good as 9.81
@@ -36,8 +34,8 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     :param visual: keep the geoms that are only seen, for rendering; the state is the same either way
     :raises ValueError: if the robot's MJCF is unreadable, lacks what robot.yaml names, or cannot be simulated
     """
-    with _in_the_file(robot):
-        spec = read_mjcf(robot.mjcf_path)
+    spec = robot_spec(robot)
+    with in_the_file(robot):
         _prepare(spec, physics_dt, visual)
         alone = spec.compile()
     _check_names(alone, robot)
@@ -47,29 +45,9 @@ def build_model(robot: RobotConfig, physics_dt: float, terrain_boxes: int, visua
     read_servos(alone, robot)
     bits = ground_bits(alone, robot)
     add_missing_sensors(spec, alone, robot, bits)
-    with _in_the_file(robot):
+    with in_the_file(robot):
         _add_terrain(spec, terrain_boxes, bits)
         return spec.compile()
-
-
-def read_mjcf(path: Path) -> mujoco.MjSpec:
-    """A model's file and all that it reads, as they are now.
-
-    :raises ValueError: if one of them cannot be read
-    """
-    mujoco.mj_clearCache(mujoco.mj_getCache())  # where a mesh that changed twice in a second is still the first
-    # From a relative path MuJoCo does not find what an included file includes from beside itself.
-    return mujoco.MjSpec.from_file(str(path.absolute()))
-
-
-@contextmanager
-def _in_the_file(robot: RobotConfig) -> Iterator[None]:
-    """Say of MuJoCo's errors in which file, and on one line."""
-    try:
-        yield
-    except (ValueError, OSError) as error:
-        sentence = " ".join(str(error).split()).partition(" The visual elements of the spec were discarded")[0]
-        raise ValueError(f"{robot.mjcf_path}: {sentence}") from None
 
 
 def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
@@ -95,10 +73,7 @@ def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
 
 
 def _prepare_pictures(spec: mujoco.MjSpec) -> None:
-    """Remove floors that are only seen, which would hide the task's, and show a robot that is all in hidden groups."""
-    for geom in spec.worldbody.geoms:
-        if geom.type in FLOORS and not geom.contype and not geom.conaffinity:
-            spec.delete(geom)
+    """Show a robot that is all in hidden groups."""
     if not any(geom.group in VISIBLE_GROUPS for geom in spec.geoms):
         for geom in spec.geoms:
             geom.group = VISIBLE_GROUPS[0]

@@ -73,7 +73,7 @@ def read_servos(model: mujoco.MjModel, robot: RobotConfig) -> Servos:
     for other in np.setdiff1d(np.arange(len(model.actuator_trntype)), ids).tolist():
         raise ValueError(
             f"{robot.mjcf_path}: {_called(model, other)} moves {_moved(model, other)}, "
-            f"which is not among the 'joints' of {robot.path.name or 'robot.yaml'}; there are no other actuators."
+            f"which is neither among the 'joints' of {robot.path.name or 'robot.yaml'} nor in its 'hold'."
         )
     gear, filtered = model.actuator_gear[ids, 0], model.actuator_actnum[ids] > 0
     limited = model.actuator_ctrllimited[ids].astype(bool)

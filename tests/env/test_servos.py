@@ -178,7 +178,7 @@ def test_an_actuator_of_anything_else_is_named(actuator: str, moved: str, tmp_pa
     cord = '<tendon><fixed name="cord"><joint joint="FL_knee" coef="1"/></fixed></tendon><actuator>'
     change = (("<actuator>", cord), ('<body name="FL_hip"', tail), ("</actuator>", f"{actuator}</actuator>"))
     with pytest.raises(
-        ValueError, match=rf"actuator 'x' moves {moved}, which is not among the 'joints' of robot\.yaml"
+        ValueError, match=rf"actuator 'x' moves {moved}, which is neither among the 'joints' of robot\.yaml"
     ):
         build_model(variant(tmp_path, *change), DT, 1)
 
