@@ -60,6 +60,9 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
             rest.append(f"{key}={text}")
         else:
             raise KeyError(f"unknown key '{key}'{did_you_mean(key, [*fields, *extra])}")
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        if field.default is dataclasses.MISSING and field.name not in values:
+            raise KeyError(f"'{field.name}' is missing: give {field.name}=<{field.metadata['help']}>.")
     return read(kind, values, Where(program)), rest
 
 

@@ -11,7 +11,7 @@ from ogmp_sb3.config.plugins import FILES, SHIPPED, broken_plugins, load_plugins
 PACKAGE = SHIPPED
 TASKS_DIR = PACKAGE / "tasks"
 ROBOTS_DIR = PACKAGE / "robots"
-IN_WORKING_DIRECTORY = ("encoder",)  # kinds that programs write where they run, and that are found there first
+WRITTEN_HERE = ("encoder", "robot", "task")  # kinds that programs write where they run, and that are found there
 UNKNOWN = {
     "task": "unknown task {name!r}{known} Or give the path of a YAML file.",
     "scene": "unknown scene {name!r}{known} Or give the path of a YAML file.",
@@ -69,13 +69,20 @@ def names(kind: str) -> list[str]:
     return sorted(_all_files(kind))
 
 
+def shipped(kind: str) -> list[str]:
+    """The names of those that ship, sorted."""
+    return sorted(_files(kind, [PACKAGE]))
+
+
 def _all_files(kind: str) -> dict[str, Path]:
     plugins = [plugin.folder for plugin in load_plugins() if plugin.folder]
     return _files(kind, [*_folders_without_plugins(kind), *plugins])
 
 
 def _folders_without_plugins(kind: str) -> list[Path]:
-    return [Path(), PACKAGE] if kind in IN_WORKING_DIRECTORY else [PACKAGE]
+    if kind not in WRITTEN_HERE:
+        return [PACKAGE]
+    return [Path(), PACKAGE] if kind == "encoder" else [PACKAGE, Path()]
 
 
 def _files(kind: str, folders: list[Path]) -> dict[str, Path]:

@@ -62,7 +62,6 @@ def _prepare(spec: mujoco.MjSpec, physics_dt: float, visual: bool) -> None:
     # where inertias must be inferred from all geoms.
     inferred = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     spec.compiler.discardvisual = not visual and all(b.compiler.inertiafromgeom != inferred for b in spec.bodies)
-    spec.compiler.fusestatic = False  # feet may be static
     for i, body in enumerate(spec.bodies):
         body.name = body.name or f"unnamed body {i}"  # for sensors
     for geom in spec.geoms:

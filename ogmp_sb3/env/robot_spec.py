@@ -28,13 +28,31 @@ def robot_spec(robot: RobotConfig) -> mujoco.MjSpec:
     :raises ValueError: if its file cannot be read, or cannot be changed as robot.yaml says
     """
     with in_the_file(robot):
-        spec = read_mjcf(robot.mjcf_path)
-    _drop_floors(spec)
+        spec = bare_spec(robot.mjcf_path)
+    set_free(spec, robot.base)
     if robot.hold:
         _hold(spec, robot)
     if robot.servos is not None:
         _drive(spec, robot, robot.servos)
     return spec
+
+
+def bare_spec(path: Path) -> mujoco.MjSpec:
+    """The specification of a model without a floor of its own, with all its bodies, be they feet without a joint.
+
+    :raises ValueError: if a file cannot be read
+    """
+    spec = read_mjcf(path)
+    spec.compiler.fusestatic = False
+    drop_floors(spec)
+    return spec
+
+
+def set_free(spec: mujoco.MjSpec, base: str) -> None:
+    """Give a body of the world a free joint if it has no joint, as the root of a URDF has none."""
+    for body in spec.worldbody.bodies:
+        if body.name == base and not body.joints:
+            body.add_freejoint(name=f"{base}_free")
 
 
 def read_mjcf(path: Path) -> mujoco.MjSpec:
@@ -60,7 +78,7 @@ def in_the_file(robot: RobotConfig) -> Iterator[None]:
 # ------------------------------------------------------------------ floors
 
 
-def _drop_floors(spec: mujoco.MjSpec) -> None:
+def drop_floors(spec: mujoco.MjSpec) -> None:
     """Remove planes and height fields of the world: the ground is the task's. Who could touch them meets it instead."""
     floors = [geom for geom in spec.worldbody.geoms if geom.type in FLOORS]
     names = {geom.name for geom in floors if geom.name}
@@ -144,7 +162,7 @@ def _drive(spec: mujoco.MjSpec, robot: RobotConfig, servos: ServoConfig) -> None
     with in_the_file(robot):
         compiled = spec.copy().compile()
     known = [joint.name for joint in spec.joints]
-    limits = servos.torque or [_torque_limit(compiled, name) if name in known else None for name in robot.joints]
+    limits = servos.torque or [torque_limit(compiled, name) if name in known else None for name in robot.joints]
     _delete_actuators(spec, robot.joints)
     for name, kp, kd, torque in zip(robot.joints, servos.kp, servos.kd, limits, strict=True):
         servo = spec.add_actuator(mujoco.MjSpec().default, name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -153,7 +171,7 @@ def _drive(spec: mujoco.MjSpec, robot: RobotConfig, servos: ServoConfig) -> None
             servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
 
 
-def _torque_limit(model: mujoco.MjModel, name: str) -> float | None:
+def torque_limit(model: mujoco.MjModel, name: str) -> float | None:
     """Greatest torque that what drives a joint in the file gives; None: no limit but the joint's, if it has one."""
     found = []
     for i in np.flatnonzero(np.isin(model.actuator_trntype, [int(kind) for kind in OF_JOINTS])):

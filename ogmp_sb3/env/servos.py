@@ -100,6 +100,18 @@ def read_servos(model: mujoco.MjModel, robot: RobotConfig) -> Servos:
     )
 
 
+def has_servo(model: mujoco.MjModel, joint: str) -> bool:
+    """Whether a joint has one actuator, and that is a position servo."""
+    found = _actuators(model, model.joint(joint).id)
+    return len(found) == 1 and _fault(model, found[0]) is None
+
+
+def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+    """What acts on a joint."""
+    of_it = np.isin(model.actuator_trntype, [int(kind) for kind in OF_JOINTS]) & (model.actuator_trnid[:, 0] == joint)
+    return np.flatnonzero(of_it).tolist()
+
+
 def _through(gear: np.ndarray, ranges: np.ndarray, limited: np.ndarray) -> np.ndarray:
     """Ranges times a gear, low and high, shape (2, joints); infinite where there is no limit."""
     ends = gear[:, None] * np.where(limited[:, None], ranges, (-np.inf, np.inf))
@@ -118,8 +130,7 @@ def _joint(model: mujoco.MjModel, name: str, robot: RobotConfig) -> int:
 def _servo(model: mujoco.MjModel, joint: int, robot: RobotConfig) -> int:
     """The actuator of a joint."""
     name = model.joint(joint).name
-    of_it = np.isin(model.actuator_trntype, [int(kind) for kind in OF_JOINTS]) & (model.actuator_trnid[:, 0] == joint)
-    found = np.flatnonzero(of_it).tolist()
+    found = _actuators(model, joint)
     must = f'must have a position servo, e.g. <position name="{name}" joint="{name}" kp="30" kv="1"/>'
     if len(found) != 1:
         has = f"has {len(found)}: {', '.join(_called(model, i) for i in found)}" if found else "has no actuator"

@@ -51,7 +51,7 @@ def test_keys_of_the_task_are_handed_on_with_or_without_their_prefix() -> None:
     ("arguments", "error", "sentence"),
     [
         (["run=a", "episode=3"], KeyError, "unknown key 'episode'.*Did you mean 'episodes'"),
-        (["episodes=3"], KeyError, "prog: 'run' is missing"),
+        (["episodes=3"], KeyError, "'run' is missing: give run=<which run>"),
         (["run=a", "episodes=many"], TypeError, "prog: 'episodes' must be a whole number, found the text 'many'"),
         (["a"], ValueError, "'a' must have the form key=value"),
         (["run=a", "episodes=5", "episodes=500"], ValueError, "'episodes' is given twice"),

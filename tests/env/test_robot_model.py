@@ -153,7 +153,6 @@ ROOT_JOINT = '<freejoint name="root"/>'
         (WORLD, f'{WORLD}<body name="stage">{FLOOR}</body>', "geom 'floor' of body 'stage' collides"),
         (WORLD, f'{WORLD}<body name="wall" mocap="true"><geom size="1"/></body>', "geom '0' of body 'wall' collides"),
         (WORLD, WORLD + BALL, "body 'ball' moves, but is not of the robot"),
-        (ROOT_JOINT, "", "the base 'trunk' must have a free joint"),
         (ROOT_JOINT, '<joint type="slide" axis="0 0 1"/>', "the base 'trunk' must have a free joint"),
         (
             "<sensor>",

@@ -1,0 +1,136 @@
+"""``ogmp-robot``: write the robot.yaml of somebody's model of a legged robot."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.check import stance
+from ogmp_sb3.config.catalogue import shipped
+from ogmp_sb3.config.load import load_robot
+from ogmp_sb3.config.model_file import MENAGERIE, PACKAGE
+from ogmp_sb3.env.mirror import joint_mirror, mirror_error
+from ogmp_sb3.env.robot_check import stand
+from ogmp_sb3.env.robot_model import build_model
+from ogmp_sb3.porting.picture import draw_robot
+from ogmp_sb3.porting.port import PHYSICS_DT, Given, Port, port
+from ogmp_sb3.porting.robot_yaml import robot_yaml
+
+PROGRAM = "ogmp-robot"
+DROP = 0.1  # m
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCommandConfig:
+    """Keys of the command line."""
+
+    model: str = cli.option("MJCF or URDF file, package:<package>/<path>, or menagerie:<robot>[/<model>]")
+    name: str = cli.option("of the robot")
+    out: str | None = cli.option("directory to write; null: robots/<name>, where it is found by name", None)
+    base: str | None = cli.option("body that moves freely; null: the one of the model", None)
+    feet: tuple[str, ...] | None = cli.option("bodies that stand on the ground; null: the lowest limbs", None)
+    kp: float | None = cli.option("of all servos, N m/rad; null: the model's own, or from torque limits", None)
+    kd: float | None = cli.option("of all servos, N m s/rad; null: as kp", None)
+    torque: float | None = cli.option("greatest torque of all servos, N m; null: as in the model", None)
+    replace: bool = cli.option("true: write over a robot.yaml that is there", False)
+
+    def __post_init__(self) -> None:
+        for key in ("kp", "kd", "torque"):
+            value = getattr(self, key)
+            if value is not None and not value > 0:
+                raise ValueError(f"'{key}' must be above 0, found {value:g}.")
+        if not self.name or self.name != Path(self.name).name:
+            raise ValueError(f"'name' must be a name, not a path; found '{self.name}'.")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "write the robot.yaml of a model: find base, legs, feet, a pose to stand in, servos and the single rigid body.",
+    [
+        "ogmp-robot my_robot.xml name=my_robot",
+        "ogmp-robot menagerie:unitree_go2 name=go2",
+        "ogmp-robot model=my_robot.urdf name=my_robot kp=80 kd=2",
+        "ogmp-robot my_robot.xml name=my_robot feet=[left_foot,right_foot] replace=true",
+    ],
+    RobotCommandConfig,
+)
+
+
+def _run(arguments: list[str]) -> None:
+    names = [a for a in arguments if "=" not in a]
+    if len(names) > 1:
+        raise ValueError(f"give one model; found '{names[0]}' and '{names[1]}'.")
+    keys = [*(f"model={name}" for name in names), *(a for a in arguments if a not in names)]
+    config, _ = cli.parse(RobotCommandConfig, keys, PROGRAM)
+    if config.name in shipped("robot"):
+        raise ValueError(f"'{config.name}' ships with ogmp_sb3: give another name.")
+    folder = Path(config.out) if config.out else Path("robots") / config.name
+    file = folder / "robot.yaml"
+    if file.exists() and not config.replace:
+        raise ValueError(f"{file} is there already: give another name, or replace=true.")
+    given = Given(config.base, config.feet or (), config.kp, config.kd, config.torque)
+    found = port(_from(folder, config.model), config.name, folder, given)
+    cli.check_out(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(robot_yaml(found), encoding="utf-8")
+    load_robot(str(file))
+    console = cli.console()
+    console.print(_table(found))
+    console.print(str(draw_robot(found, folder / "robot.png")))
+    console.print(f"{file} is written. Change in it what is not right, and look at the picture.")
+
+
+def _from(folder: Path, model: str) -> str:
+    """How robot.yaml names a model: a file near it by a path from there, any other by its whole path."""
+    if model.startswith((PACKAGE, MENAGERIE)):
+        return model
+    path = Path(model).expanduser().absolute()
+    if not path.is_file():
+        raise ValueError(f"{model}: no such file.")
+    relative = os.path.relpath(path, folder.absolute())
+    return relative if relative.count("..") <= 2 else str(path)
+
+
+def _table(found: Port) -> Table:
+    """What was found, what was assumed, and whether the robot stands."""
+    robot, legs, posture = found.robot, found.anatomy.legs, found.posture
+    table = Table(title=f"{robot.name}: {robot.mjcf}", title_justify="left", show_header=False)
+    table.add_row("base", robot.base)
+    for leg in legs:
+        table.add_row(f"leg to {leg.foot}", f"{len(leg.joints)} joints: {', '.join(leg.joints)}")
+    if robot.hold:
+        table.add_row("held", f"{len(robot.hold)} joints: {', '.join(robot.hold)}")
+    table.add_row(
+        "nominal pose", f"{posture.source}; base at {robot.nominal_height:g} m, legs of {robot.leg_length:g} m"
+    )
+    table.add_row("servos", found.servos)
+    inertia = ", ".join(f"{value:.3g}" for value in robot.srb.inertia)
+    table.add_row("single rigid body", f"{robot.srb.mass:.4g} kg, inertia {inertia} kg m^2")
+    table.add_row("mirror image", _mirror_image(found))
+    standing, dropped = stand(robot, PHYSICS_DT, (0.0, DROP))
+    table.add_row("held for 1 s", stance(standing))
+    table.add_row(f"dropped {DROP:g} m", stance(dropped))
+    return table
+
+
+def _mirror_image(found: Port) -> str:
+    model = build_model(found.robot, PHYSICS_DT, 1)
+    try:
+        joints = joint_mirror(found.robot, model)
+    except ValueError as error:
+        return f"none: {error}"
+    difference = mirror_error(found.robot, model, joints)
+    return f"left and right differ by at most {100 * difference:.2g} % of the mass matrix"
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""From somebody's model of a robot to its ``robot.yaml``."""
