@@ -31,7 +31,14 @@ from collections.abc import Callable
 from typing import Any, TypeVar, overload
 
 from ogmp_sb3.config import registry
-from ogmp_sb3.config.registry import NameTaken, Registry, looks_ahead, not_a_size, parameter_limits
+from ogmp_sb3.config.registry import (
+    NameTaken,
+    Registry,
+    looks_ahead,
+    not_a_size,
+    parameter_limits,
+    parameter_units,
+)
 from ogmp_sb3.config.robot import SRB, STATE_NAMES
 from ogmp_sb3.config.weights import InputWeights, PhaseWeights, Positive, StateWeights, TrackingWeights
 from ogmp_sb3.env.episode_disturbance import Disturbance, Subject
@@ -97,6 +104,7 @@ __all__ = [
     "observation",
     "oracle",
     "parameter_limits",
+    "parameter_units",
     "quat_conjugate",
     "quat_multiply",
     "quat_rotate",

@@ -11,6 +11,7 @@ import typing
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -35,7 +36,7 @@ MISTAKES = (ValueError, KeyError, TypeError, OSError, MemoryError)
 def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, ...] = ()) -> tuple[C, list[str]]:
     """Read ``key=value`` arguments into a dataclass.
 
-    :param kind: a dataclass; its fields are the keys
+    :param kind: a dataclass; its fields are the keys (``from_`` for ``from``, which is a word of Python)
     :param arguments: the command line
     :param program: for messages
     :param extra: further keys that are allowed, and everything below them (``modes.jump.h=0.2``)
@@ -51,7 +52,7 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
         key, sign, text = argument.partition("=")
         if not sign:
             raise ValueError(f"'{argument}' must have the form key=value.")
-        key = key.removeprefix("task.")
+        key = _field(key.removeprefix("task."))
         if key in values or any(other.partition("=")[0] == key for other in rest):
             raise ValueError(f"'{key}' is given twice.")
         if key in fields:
@@ -59,11 +60,21 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
         elif key.split(".")[0] in extra:
             rest.append(f"{key}={text}")
         else:
-            raise KeyError(f"unknown key '{key}'{did_you_mean(key, [*fields, *extra])}")
+            raise KeyError(f"unknown key '{key}'{did_you_mean(key, [*map(_key, fields), *extra])}")
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.default is dataclasses.MISSING and field.name not in values:
             raise KeyError(f"'{field.name}' is missing: give {field.name}=<{field.metadata['help']}>.")
     return read(kind, values, Where(program)), rest
+
+
+def _field(key: str) -> str:
+    """The field of a key."""
+    return f"{key}_" if iskeyword(key) else key
+
+
+def _key(field: str) -> str:
+    """The key of a field."""
+    return field.removesuffix("_")
 
 
 def _value(text: str, kind: Any) -> Any:
@@ -86,7 +97,7 @@ def usage(program: str, purpose: str, examples: list[str], kind: type[Any], extr
     lines = [f"{program}: {purpose}", "", "Examples:", *(f"  {example}" for example in examples), "", "Keys:"]
     for field in dataclasses.fields(kind):
         default = "required" if field.default is dataclasses.MISSING else f"default {shown(field.default)}"
-        lines.append(f"  {field.name:<15} {field.metadata['help']} ({default})")
+        lines.append(f"  {_key(field.name):<15} {field.metadata['help']} ({default})")
     return "\n".join([*lines, *([f"  {extra}"] if extra else [])])
 
 

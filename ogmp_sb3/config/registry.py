@@ -82,6 +82,11 @@ class Registry(Generic[T]):
         limits: Mapping[str, tuple[float, float]] = getattr(self.get(name), "limits", {})
         return limits
 
+    def units(self, name: str) -> Mapping[str, str]:
+        """The units of a function's parameters, of those that have one; of :func:`parameter_units`."""
+        units: Mapping[str, str] = getattr(self.get(name), "units", {})
+        return units
+
     def not_sizes(self, name: str) -> tuple[str, ...]:
         """The parameters of a function that do not say how much; of :func:`not_a_size`."""
         names: tuple[str, ...] = getattr(self.get(name), "not_sizes", ())
@@ -109,6 +114,19 @@ def parameter_limits(**limits: tuple[float, float]) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         function.limits = limits  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
+def parameter_units(**units: str) -> Callable[[F], F]:
+    """Decorator: the units of parameters that grow with the robot, by which ``ogmp-task`` scales them.
+
+    Those of :data:`~ogmp_sb3.porting.scale.GROWTH`; a delay in s, say, has none here, as electronics do not grow.
+    """
+
+    def decorate(function: F) -> F:
+        function.units = units  # type: ignore[attr-defined]
         return function
 
     return decorate

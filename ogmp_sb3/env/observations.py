@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogmp_sb3.config.registry import looks_ahead, observations
+from ogmp_sb3.config.registry import looks_ahead, observations, parameter_units
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import (
     quat_conjugate,
@@ -129,6 +129,7 @@ def clock(view: EnvView) -> Signal:
 
 @observations.register()
 @looks_ahead(lambda points, spacing: points * spacing)
+@parameter_units(spacing="m")
 def height_scan(view: EnvView, points: int, spacing: float) -> Signal:
     """Terrain heights ahead of the base, relative to the terrain under it, from -1 to 1 m (paper: h_t).
 

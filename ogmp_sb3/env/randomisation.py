@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ogmp_sb3.config.registry import not_a_size, parameter_limits, randomisations
+from ogmp_sb3.config.registry import not_a_size, parameter_limits, parameter_units, randomisations
 from ogmp_sb3.env.episode_disturbance import LONGEST_DELAY, Disturbance, Subject
 
 
@@ -29,6 +29,7 @@ def mass(subject: Subject, scale: float = 1.0, each: float = 0.0) -> Disturbance
 
 @randomisations.register()
 @parameter_limits(spread=(0.0, 0.5))
+@parameter_units(spread="m")
 def centre_of_mass(subject: Subject, spread: float = 0.0) -> Disturbance:
     """Where the mass of each body is.
 
@@ -43,6 +44,7 @@ def centre_of_mass(subject: Subject, spread: float = 0.0) -> Disturbance:
 
 @randomisations.register()
 @parameter_limits(mass=(0.0, 1000.0))
+@parameter_units(mass="kg")
 def payload(subject: Subject, mass: float = 0.0) -> Disturbance:
     """Something that the base carries at its centre of mass.
 
@@ -109,6 +111,7 @@ def motor_strength(subject: Subject, scale: float = 1.0, each: float = 0.0) -> D
 
 @randomisations.register()
 @parameter_limits(torque=(0.0, 100.0))
+@parameter_units(torque="N m")
 def joint_friction(subject: Subject, torque: float = 0.0) -> Disturbance:
     """Dry friction of every joint, beside the model's.
 
@@ -119,6 +122,7 @@ def joint_friction(subject: Subject, torque: float = 0.0) -> Disturbance:
 
 @randomisations.register()
 @parameter_limits(coefficient=(0.0, 100.0))
+@parameter_units(coefficient="N m s")
 def joint_damping(subject: Subject, coefficient: float = 0.0) -> Disturbance:
     """Viscous friction of every joint, beside the model's.
 
@@ -196,6 +200,7 @@ def sensor_noise(subject: Subject, scale: float = 0.0) -> Disturbance:
 @parameter_limits(
     rate=(0.0, 10.0), tilt=(0.0, 1.0), rate_bias=(0.0, 10.0), tilt_bias=(0.0, 1.0), heading_bias=(0.0, 1.0)
 )
+@parameter_units(rate="rad/s")
 def imu(
     subject: Subject,
     rate: float = 0.0,
@@ -224,6 +229,7 @@ def imu(
 
 @randomisations.register()
 @parameter_limits(height=(0.0, 0.5), offset=(0.0, 0.5), dropout=(0.0, 0.99), delay=(0.0, LONGEST_DELAY))
+@parameter_units(height="m", offset="m")
 def scan(
     subject: Subject, height: float = 0.0, offset: float = 0.0, dropout: float = 0.0, delay: float = 0.0
 ) -> Disturbance:
@@ -242,6 +248,7 @@ def scan(
 @randomisations.register()
 @parameter_limits(speed=(0.0, 100.0), every=(0.001, 1000.0))
 @not_a_size("every")
+@parameter_units(speed="m/s")
 def push(subject: Subject, speed: float = 0.0, every: float = 2.0) -> Disturbance:
     """Kicks: the base's velocity changes at once, in a random horizontal direction.
 
@@ -253,6 +260,7 @@ def push(subject: Subject, speed: float = 0.0, every: float = 2.0) -> Disturbanc
 
 @randomisations.register()
 @parameter_limits(force=(0.0, 10_000.0))
+@parameter_units(force="N")
 def wind(subject: Subject, force: float = 0.0) -> Disturbance:
     """A steady horizontal force on the base, from a direction drawn for every episode.
 
@@ -278,6 +286,7 @@ def slope(subject: Subject, pitch: float = 0.0, roll: float = 0.0) -> Disturbanc
 
 @randomisations.register()
 @parameter_limits(height=(0.0, 0.2))
+@parameter_units(height="m")
 def rough_ground(subject: Subject, height: float = 0.0) -> Disturbance:
     """Every box of the terrain a little higher or lower than the scan shows it.
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.config.registry import rewards
+from ogmp_sb3.config.registry import parameter_units, rewards
 from ogmp_sb3.config.task import Terms
 from ogmp_sb3.env.view import EnvView
 
 
 @rewards.register()
+@parameter_units(sharpness="1/m")
 def position_tracking(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness ||p_ref - p||)``, the trunk's origin in metres, shape (num_envs,)."""
     error = np.linalg.norm(view.reference[:, 3:6] - view.base_pos_w, axis=1)
@@ -29,6 +30,7 @@ def orientation_tracking(view: EnvView, weight: float, sharpness: float) -> np.n
 
 
 @rewards.register()
+@parameter_units(sharpness="1/(N m)")
 def torque_regulation(view: EnvView, weight: float, sharpness: float) -> np.ndarray:
     """``weight exp(-sharpness ||u||)``, u the PD torque before the limits in N m, shape (num_envs,)."""
     reward: np.ndarray = weight * np.exp(-sharpness * np.linalg.norm(view.torque, axis=1))

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogmp_sb3.config.registry import terminations
+from ogmp_sb3.config.registry import parameter_units, terminations
 from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.terrain import NOTHING
 
 
 @terminations.register()
+@parameter_units(min_height="m")
 def fall(view: EnvView, min_height: float, fill_gaps: bool = True) -> np.ndarray:
     """True where the base is too low over the terrain under it.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from ogmp_sb3.config.registry import modes
+from ogmp_sb3.config.registry import modes, parameter_units
 from ogmp_sb3.guidance.srb import GRAVITY
 from ogmp_sb3.guidance.terrain import Plateau
 
@@ -73,6 +73,7 @@ class Segment:
 
 
 @modes.register()
+@parameter_units(v="m/s", length="m")
 def pace(v: float, length: float = 0.6) -> Segment:
     """Run on flat ground.
 
@@ -83,26 +84,32 @@ def pace(v: float, length: float = 0.6) -> Segment:
 
 
 @modes.register()
-def jump(w: float, h: float, v: float = 0.8, run_up: float = 0.45) -> Segment:
+@parameter_units(w="m", h="m", v="m/s", run_up="m", lead="m", tail="m")
+def jump(
+    w: float, h: float, v: float = 0.8, run_up: float = 0.45, lead: float = BLOCK_LEAD, tail: float = BLOCK_TAIL
+) -> Segment:
     """Jump onto a block and down again.
 
     :param w: length of the block along the track, m
     :param h: height of the block, m
     :param v: heading speed, m/s
     :param run_up: flat ground before the block, m
+    :param lead: how far before the block the set-points rise, m
+    :param tail: how far behind its end they come down, m
     """
     end = run_up + w
     return Segment(
         length=end,
         plateaus=(Plateau(0.0, run_up, 0.0), Plateau(run_up, end, h)),
         spans=(
-            Span(end=run_up - BLOCK_LEAD, velocity=(v, 0.0)),
-            Span(end=end + BLOCK_TAIL, velocity=(v, 0.0), ground=(h, h)),
+            Span(end=run_up - lead, velocity=(v, 0.0)),
+            Span(end=end + tail, velocity=(v, 0.0), ground=(h, h)),
         ),
     )
 
 
 @modes.register()
+@parameter_units(w="m", d="m", v="m/s", run_up="m")
 def leap(w: float, d: float, v: float = 0.8, run_up: float = 0.45) -> Segment:
     """Leap over a gap: stance over its first half, flight over the second (released code).
 
@@ -125,19 +132,31 @@ def leap(w: float, d: float, v: float = 0.8, run_up: float = 0.45) -> Segment:
 
 
 @modes.register()
-def flip(r: Direction, h: float) -> Segment:
+@parameter_units(h="m", push="s", rate="rad/s", v="m/s", block="m")
+def flip(
+    r: Direction,
+    h: float,
+    push: float = FLIP_STANCE,
+    rate: float = FLIP_RATE,
+    v: float = FLIP_SPEED,
+    block: float = FLIP_BLOCK,
+) -> Segment:
     """Turn once about the roll or pitch axis while diving off a block.
 
     :param r: where to: front, back, left or right
     :param h: height of the block, m
+    :param push: how long the feet push off, s
+    :param rate: of the turn off a low block, rad/s; off a high one it takes as long as the fall
+    :param v: horizontal speed, m/s
+    :param block: side of the square block, m
     """
-    flight_time = max(2 * math.pi / FLIP_RATE - 0.5 * FLIP_STANCE, math.sqrt(2 * h / GRAVITY))
-    rate = 2 * math.pi / (0.5 * FLIP_STANCE + flight_time)
+    flight_time = max(2 * math.pi / rate - 0.5 * push, math.sqrt(2 * h / GRAVITY))
+    rate = 2 * math.pi / (0.5 * push + flight_time)
     # A positive pitch rate turns the head forwards (+x); a positive roll rate turns it to the right (-y).
     turn = {"front": (0.0, rate), "back": (0.0, -rate), "right": (rate, 0.0), "left": (-rate, 0.0)}[r]
     heading = {"front": (1.0, 0.0), "back": (-1.0, 0.0), "right": (0.0, -1.0), "left": (0.0, 1.0)}[r]
-    velocity = (FLIP_SPEED * heading[0], FLIP_SPEED * heading[1])
-    half = 0.5 * FLIP_BLOCK
+    velocity = (v * heading[0], v * heading[1])
+    half = 0.5 * block
     return Segment(
         timed=True,
         start_height=h,
@@ -146,9 +165,9 @@ def flip(r: Direction, h: float) -> Segment:
             Plateau(-half, half, h, half),
         ),
         spans=(
-            Span(end=FLIP_STANCE, velocity=velocity, ground=(h, h), contact=Contact.STANCE, rates=((0, 0), turn)),
+            Span(end=push, velocity=velocity, ground=(h, h), contact=Contact.STANCE, rates=((0, 0), turn)),
             Span(
-                end=FLIP_STANCE + flight_time,
+                end=push + flight_time,
                 velocity=velocity,
                 ground=(h, 0.0),
                 contact=Contact.FLIGHT,
@@ -159,6 +178,10 @@ def flip(r: Direction, h: float) -> Segment:
 
 
 @modes.register()
-def settle() -> Segment:
-    """Stand still where the robot is."""
-    return Segment(timed=True, spans=(Span(end=SETTLE_TIME, contact=Contact.STANCE),))
+@parameter_units(time="s")
+def settle(time: float = SETTLE_TIME) -> Segment:
+    """Stand still where the robot is.
+
+    :param time: length of one reference, s
+    """
+    return Segment(timed=True, spans=(Span(end=time, contact=Contact.STANCE),))

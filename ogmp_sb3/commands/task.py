@@ -1,0 +1,73 @@
+"""``ogmp-task``: a task that was made for one robot, for another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ogmp_sb3.commands import cli
+from ogmp_sb3.config.catalogue import find, shipped
+from ogmp_sb3.config.load import load_robot, load_task
+from ogmp_sb3.config.task_files import read_task
+from ogmp_sb3.porting.scale import Similar, scaled
+from ogmp_sb3.porting.task_yaml import task_yaml
+
+PROGRAM = "ogmp-task"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskCommandConfig:
+    """Keys of the command line."""
+
+    new: str = cli.option("name of the task; written to tasks/<new>.yaml, where it is found by name")
+    robot: str = cli.option("its robot: a name, or the path of a robot.yaml")
+    from_: str = cli.option("the task that it is like, a name or the path of a YAML file", "parkour")
+    replace: bool = cli.option("true: write over a file that is there", False)
+
+    def __post_init__(self) -> None:
+        if not self.new or self.new != Path(self.new).name or self.new.endswith(".yaml"):
+            raise ValueError(f"'new' must be a name, not a path; found '{self.new}'.")
+
+
+HELP = cli.usage(
+    PROGRAM,
+    "write a task for another robot: lengths, times, speeds and weights scaled by its legs and its mass.",
+    [
+        "ogmp-task new=g1_parkour robot=g1",
+        "ogmp-task new=g1_parkour robot=g1 from=parkour replace=true",
+        "ogmp-task new=my_dive robot=robots/mine/robot.yaml from=dive",
+    ],
+    TaskCommandConfig,
+)
+
+
+def _run(arguments: list[str]) -> None:
+    config, _ = cli.parse(TaskCommandConfig, arguments, PROGRAM)
+    if config.new in shipped("task"):
+        raise ValueError(f"'{config.new}' ships with ogmp_sb3: give another name.")
+    file = Path("tasks") / f"{config.new}.yaml"
+    if file.exists() and not config.replace:
+        raise ValueError(f"{file} is there already: give another name, or replace=true.")
+    path = find("task", config.from_)
+    task, data, robot = load_task(config.from_), read_task(path), load_robot(config.robot)
+    grow = Similar(robot.leg_length / task.robot_config.leg_length, robot.srb.mass / task.robot_config.srb.mass)
+    encoder = config.new if task.encoder else None
+    text = task_yaml(config.from_, config.robot, encoder, scaled(data, task, robot), grow)
+    cli.check_out(file.parent)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    console = cli.console()
+    console.print(text, end="")
+    steps = [f"ogmp-check {config.new} out=check", f"ogmp-train task={config.new}"]
+    if encoder:
+        steps.insert(0, f"ogmp-encode task={config.new}")
+    console.print(f"\n{file} is written. Next:  " + "  ;  ".join(steps))
+
+
+def main() -> None:
+    """Entry point."""
+    cli.run(PROGRAM, HELP, _run)
+
+
+if __name__ == "__main__":
+    main()
