@@ -50,7 +50,7 @@ def _run(arguments: list[str]) -> None:
         raise ValueError(f"{file} is there already: give another name, or replace=true.")
     path = find("task", config.from_)
     task, data, robot = load_task(config.from_), read_task(path), load_robot(config.robot)
-    grow = Similar(robot.leg_length / task.robot_config.leg_length, robot.srb.mass / task.robot_config.srb.mass)
+    grow = Similar.of(robot, task.robot_config)
     encoder = config.new if task.encoder else None
     text = task_yaml(config.from_, config.robot, encoder, scaled(data, task, robot), grow)
     cli.check_out(file.parent)

@@ -13,7 +13,7 @@ from ogmp_sb3.guidance.terrain import NOTHING
 
 
 @terminations.register()
-@parameter_units(min_height="m")
+@parameter_units(min_height="m of the base")
 def fall(view: EnvView, min_height: float, fill_gaps: bool = True) -> np.ndarray:
     """True where the base is too low over the terrain under it.
 

@@ -113,6 +113,7 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
             control_dt=env.task.control_dt,
             max_steps=limit,
             leg_length=env.task.robot_config.leg_length,
+            nominal_height=env.task.robot_config.nominal_height,
             track_length=env.task.track.length,
             modes=tuple({"mode": call.name, **call.parameters} for call in env.modes[row]),
             queries=tuple(queries[row]),

@@ -18,7 +18,7 @@ from ogmp_sb3.guidance.srb import GRAVITY
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
 UPRIGHT_TIME = 1.0  # s, at the end of a dive
-LOW = 0.65  # leg lengths of the base over the terrain, below which a robot has fallen (0.3 m for HECTOR)
+LOW = 0.6  # nominal heights of the base over the terrain, below which a robot has fallen (0.3 m for HECTOR)
 
 Metric = TypeVar("Metric", bound=Callable[[EpisodeRecord], float])
 Objective = TypeVar("Objective", bound=Callable[[EpisodeRecord], float])
@@ -155,7 +155,7 @@ def flip_and_land(record: EpisodeRecord) -> bool:
     up = quat_rotate(record.base_quat, np.array([0.0, 0.0, 1.0]))[:, 2]
     last = max(1, round(UPRIGHT_TIME / record.control_dt))  # control steps
     upright = bool((up[-last:] >= np.cos(UPRIGHT_TOLERANCE)).all())
-    high = bool((record.height >= LOW * record.leg_length).all())
+    high = bool((record.height >= LOW * record.nominal_height).all())
     return bool(turned and upright and high and record.termination == "time_limit")
 
 

@@ -45,6 +45,8 @@ class EpisodeRecord:
     """time limit, control steps"""
     leg_length: float
     """m"""
+    nominal_height: float
+    """of the base over the ground in the nominal pose, m"""
     track_length: float | None
     """m; flat ground follows. None: endless"""
     modes: tuple[dict[str, float | str], ...]

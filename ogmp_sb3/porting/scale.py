@@ -24,6 +24,7 @@ GROWTH = {
     "N m": (1.0, 1.0), "N m s": (1.5, 1.0), "1/m": (-1.0, 0.0), "1/(N m)": (-1.0, -1.0), "rad": (0.0, 0.0),
 }  # fmt: skip
 """Powers of the ratios of leg lengths and of masses by which a quantity grows, by its unit."""
+HEIGHT = "m of the base"  # unit of heights that grow as the robot stands, not as its legs are long
 STATE_UNITS = {"x": "m", "y": "m", "z": "m", "wx": "rad/s", "wy": "rad/s", "wz": "rad/s"} | dict.fromkeys(
     ("vx", "vy", "vz"), "m/s"
 )
@@ -50,9 +51,20 @@ class Similar:
     """ratio of leg lengths"""
     mass: float
     """ratio of masses"""
+    height: float
+    """ratio of nominal heights: quadrupeds stand lower on their legs than bipeds"""
+
+    @classmethod
+    def of(cls, robot: RobotConfig, own: RobotConfig) -> Similar:
+        """How much larger a robot is than another one."""
+        return cls(
+            robot.leg_length / own.leg_length, robot.srb.mass / own.srb.mass, robot.nominal_height / own.nominal_height
+        )
 
     def factor(self, unit: str) -> float:
         """By how much a quantity of a unit is larger."""
+        if unit == HEIGHT:
+            return self.height
         length, mass = GROWTH[unit]
         return float(self.length**length * self.mass**mass)
 
@@ -65,7 +77,7 @@ def scaled(data: Mapping[str, Any], task: TaskConfig, robot: RobotConfig) -> dic
     :param robot: the other robot
     """
     own = task.robot_config
-    grow = Similar(robot.leg_length / own.leg_length, robot.srb.mass / own.srb.mass)
+    grow = Similar.of(robot, own)
     changes: dict[str, Any] = {}
     for part in TERMS:
         changes[part] = _terms(data.get(part), REGISTRIES[part], grow)
@@ -82,7 +94,7 @@ def scaled(data: Mapping[str, Any], task: TaskConfig, robot: RobotConfig) -> dic
     changes["initial"] = _scaled(data.get("initial"), INITIAL_UNITS, grow)
     changes["track"] = {"width": rounded(max(grow.length, 1.0) * task.track.width)}
     changes["gait"] = {
-        "height": rounded(task.gait.height * robot.nominal_height / own.nominal_height),
+        "height": rounded(task.gait.height * grow.height),
         "cycle": rounded(task.gait.cycle * grow.factor("s")),
     }
     if task.horizon is not None:

@@ -158,7 +158,7 @@ def test_success_needs_the_direction_asked_for(asked: str, done: str) -> None:
 @pytest.mark.parametrize("row", [0, 40, STEPS])
 def test_success_needs_the_base_high_at_every_step(row: int) -> None:
     height = np.full(STEPS + 1, 0.5)
-    height[row] = 0.298  # 0.65 leg lengths
+    height[row] = 0.299  # 0.6 nominal heights
     assert flip_and_land(record(height=height)) == 0.0
     height[row] = 0.301
     assert flip_and_land(record(height=height)) == 1.0

@@ -41,6 +41,7 @@ def record(direction: str = "front", total: float = 2 * np.pi, **fields: Any) ->
         "control_dt": 0.03,
         "max_steps": STEPS,
         "leg_length": 0.459,
+        "nominal_height": 0.5,
         "track_length": None,
         "modes": ({"mode": "flip", "r": direction, "h": 1.0}, {"mode": "settle"}),
     }

@@ -12,7 +12,7 @@ from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.load import load_robot, load_task
 from ogmp_sb3.config.robot import SRB, RobotConfig, ServoConfig
 from ogmp_sb3.config.task_files import read_task
-from ogmp_sb3.porting.scale import GROWTH, Similar, scaled
+from ogmp_sb3.porting.scale import GROWTH, HEIGHT, Similar, scaled
 from ogmp_sb3.porting.task_yaml import task_yaml, yaml_number
 
 HECTOR = load_robot("hector")
@@ -54,12 +54,19 @@ def test_four_times_as_long_legs_take_twice_the_time_for_four_times_the_way() ->
 
 def test_corresponding_errors_and_forces_cost_the_same() -> None:
     """The weight of a state times its square is the same for robots in corresponding states, and so is an input's."""
-    base, grow = read_task(find("task", "parkour"))["oracle_params"]["lqr"], Similar(4.0, 64.0)
+    base, grow = read_task(find("task", "parkour"))["oracle_params"]["lqr"], Similar(4.0, 64.0, 4.0)
     found = changes("parkour", larger(4.0, 64.0))["oracle_params"]["lqr"]
     for name, unit in (("z", "m"), ("vx", "m/s"), ("wx", "rad/s")):
         assert found["Q"][name] * grow.factor(unit) ** 2 == pytest.approx(base["Q"][name], rel=5e-3)
     for name, unit in (("fz", "N"), ("mx", "N m")):
         assert found["R"][name] * grow.factor(unit) ** 2 == pytest.approx(base["R"][name], rel=5e-3)
+
+
+def test_who_stands_low_on_long_legs_falls_lower() -> None:
+    low = replace(larger(4.0, 64.0), nominal_height=2.0 * HECTOR.nominal_height)
+    found = changes("parkour", low)
+    assert found["terminations"] == {"fall": {"min_height": 0.6}} and found["gait"]["height"] == 1.1
+    assert found["modes"]["jump"]["h"] == [0.8, 1.4]
 
 
 def test_the_phases_of_a_dive_and_its_defaults_are_scaled_too() -> None:
@@ -82,12 +89,12 @@ def test_units_are_those_that_are_known_and_of_parameters_that_are_there() -> No
         for name in kind.names():
             units = kind.units(name)
             assert set(units) <= set(kind.parameters(name)), name
-            assert set(units.values()) <= set(GROWTH), name
+            assert set(units.values()) <= {*GROWTH, HEIGHT}, name
 
 
 def test_the_file_says_what_was_scaled_and_is_read_back(tmp_path: Path) -> None:
     found = changes("parkour", larger(2.0, 8.0))
-    text = task_yaml("parkour", "hector", "parkour", found, Similar(2.0, 8.0))
+    text = task_yaml("parkour", "hector", "parkour", found, Similar(2.0, 8.0, 2.0))
     assert "legs are 2.00 times as long" in text and max(map(len, text.splitlines())) <= 120
     data = yaml.safe_load(text)
     assert {key: data[key] for key in found} == found
