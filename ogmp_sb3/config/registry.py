@@ -122,7 +122,7 @@ def parameter_limits(**limits: tuple[float, float]) -> Callable[[F], F]:
 def parameter_units(**units: str) -> Callable[[F], F]:
     """Decorator: the units of parameters that grow with the robot, by which ``ogmp-task`` scales them.
 
-    Those of :data:`~ogmp_sb3.porting.scale.GROWTH`, and ``"m of the base"`` for its height. A delay, say, has none here:
+    Those of :data:`~ogmp_sb3.porting.scale.GROWTH`, and ``"m of the base"`` for its height. A delay has none here:
     electronics do not grow.
     """
 
