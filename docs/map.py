@@ -1,4 +1,4 @@
-"""Draw the nine packages, the modules in each and what imports what: ``make map``, the picture of CONTRIBUTING.md.
+"""Draw the ten packages, the modules in each and what imports what: ``make map``, the picture of CONTRIBUTING.md.
 
 Everything in it is read from the sources: packages in the order of their imports, their purpose from their docstrings,
 and for each pair how many modules of one import from the other.

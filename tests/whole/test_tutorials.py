@@ -39,6 +39,7 @@ FILE = re.compile(r"# (\S+\.(?:py|yaml|toml))\n")
 
 # The budgets of seconds that the tests put in place of the pages' own.
 LESS = {
+    "encode": ["references=100", "updates=20"],
     "train": [*SMALL, "hydra/launcher=basic", "++task.evaluation.episode_steps=20"],
     "eval": ["episodes=2", "evaluation.episode_steps=20"],
     "play": ["seconds=0.06"],
