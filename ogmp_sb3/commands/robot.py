@@ -16,9 +16,9 @@ from ogmp_sb3.config.model_file import MENAGERIE, PACKAGE
 from ogmp_sb3.env.mirror import joint_mirror, mirror_error
 from ogmp_sb3.env.robot_check import stand
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.porting.picture import draw_robot
 from ogmp_sb3.porting.port import PHYSICS_DT, Given, Port, port
 from ogmp_sb3.porting.robot_yaml import robot_yaml
+from ogmp_sb3.report.plots.robot import draw_robot
 
 PROGRAM = "ogmp-robot"
 DROP = 0.1  # m

@@ -9,7 +9,7 @@ from ogmp_sb3.config.messages import did_you_mean
 
 PACKAGE = "package:"  # package:<name>/<path in it>
 MENAGERIE = "menagerie:"  # menagerie:<robot> or menagerie:<robot>/<model>
-HOW = "pip install mujoco-menagerie"
+HOW = 'pip install "ogmp_sb3[menagerie]"'
 
 
 def model_file(name: str, beside: Path) -> Path:

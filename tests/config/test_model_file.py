@@ -58,7 +58,7 @@ def test_a_model_of_the_menagerie_is_asked_of_its_package(name: str, file: str, 
         (
             "menagerie:unitree_g1",
             None,
-            "'menagerie:unitree_g1' needs the package mujoco-menagerie: pip install",
+            "'menagerie:unitree_g1' needs the package mujoco-menagerie: pip install ",
         ),
         ("menagerie:unitree_g2", Menagerie(), r"no robot 'unitree_g2' \(allowed: .*Did you mean 'unitree_g1'\?"),
         ("menagerie:unitree_g1/g1_mjk", Menagerie(), r"no model 'g1_mjk' \(allowed: .*Did you mean 'g1_mjx'\?"),

@@ -37,6 +37,7 @@ SOLE_IMPORTERS = {
 }
 
 DISTRIBUTIONS = {
+    "mujoco_menagerie": "mujoco-menagerie",
     "stable_baselines3": "stable-baselines3",
     "sb3_contrib": "sb3-contrib",
     "hydra": "hydra-core",

@@ -6,19 +6,21 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull, QhullError
 
 from ogmp_sb3.env.robot_check import nominal_data
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.porting.anatomy import Leg, touching
 from ogmp_sb3.porting.port import PHYSICS_DT, Port
+from ogmp_sb3.report.plots.style import in_style, save
 
 VIEWS = (("side", 0), ("front", 1))  # title, horizontal axis
 NEAR = 0.06  # m
 LEG, FOOT, BODY = "#1f6fb4", "#d1495b", "#8d99ae"
 
 
+@in_style
 def draw_robot(port: Port, path: Path) -> Path:
     """Draw the nominal pose as it is simulated: what can touch the ground, and the joints with their names.
 
@@ -30,7 +32,6 @@ def draw_robot(port: Port, path: Path) -> Path:
     mujoco.mj_comPos(model, data)
     feet = _of_feet(model, robot.feet)
     figure = Figure(figsize=(12, 7), layout="constrained")
-    FigureCanvasAgg(figure)
     own = model.body_rootid[model.geom_bodyid] == model.body(robot.base).id
     for axes, (title, across) in zip(figure.subplots(1, 2), VIEWS, strict=True):
         for geom in np.flatnonzero(own & touching(model)).tolist():
@@ -51,7 +52,7 @@ def draw_robot(port: Port, path: Path) -> Path:
         axes.axhline(0.0, color="black", linewidth=1.0)
         axes.set(title=f"{robot.name}, from the {title}", xlabel="xy"[across] + " (m)", ylabel="z (m)")
         axes.set_aspect("equal", adjustable="datalim")
-    figure.savefig(path, dpi=120)
+    save(figure, path)
     return path
 
 
@@ -92,8 +93,6 @@ def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarra
 
 def _hull(points: np.ndarray) -> np.ndarray:
     """The corners of the convex hull of points of a plane, in order."""
-    from scipy.spatial import ConvexHull, QhullError
-
     try:
         return points[ConvexHull(points).vertices]  # type: ignore[no-any-return]
     except QhullError:  # on a line
