@@ -195,6 +195,15 @@ def one_line(program: str, error: BaseException) -> str:
     return " ".join(text.removeprefix(f"{program}: ").split())
 
 
+def check_name(key: str, name: str) -> None:
+    """Check a name by which something that is written will be found.
+
+    :raises ValueError: if it is a path, or would be read as one
+    """
+    if not name or name != Path(name).name or name.startswith(".") or name.endswith((".yaml", ".yml")):
+        raise ValueError(f"'{key}' must be a name, not a path; found '{name}'.")
+
+
 def check_out(out: Path) -> None:
     """Check that results can be saved in a directory, before any work is done for them.
 

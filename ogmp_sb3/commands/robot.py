@@ -43,8 +43,9 @@ class RobotCommandConfig:
             value = getattr(self, key)
             if value is not None and not value > 0:
                 raise ValueError(f"'{key}' must be above 0, found {value:g}.")
-        if not self.name or self.name != Path(self.name).name:
-            raise ValueError(f"'name' must be a name, not a path; found '{self.name}'.")
+        cli.check_name("name", self.name)
+        if self.feet is not None and len(set(self.feet)) < max(1, len(self.feet)):
+            raise ValueError("'feet' must name bodies, each once; leave it out to have them found.")
 
 
 HELP = cli.usage(
@@ -74,10 +75,16 @@ def _run(arguments: list[str]) -> None:
         raise ValueError(f"{file} is there already: give another name, or replace=true.")
     given = Given(config.base, config.feet or (), config.kp, config.kd, config.torque)
     found = port(_from(folder, config.model), config.name, folder, given)
+    text = robot_yaml(found)
     cli.check_out(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(robot_yaml(found), encoding="utf-8")
-    load_robot(str(file))
+    written = folder / f".{file.name}"
+    try:
+        written.write_text(text, encoding="utf-8")
+        load_robot(str(written))
+        written.replace(file)
+    finally:
+        written.unlink(missing_ok=True)
     console = cli.console()
     console.print(_table(found))
     console.print(str(draw_robot(found, folder / "robot.png")))
@@ -90,7 +97,7 @@ def _from(folder: Path, model: str) -> str:
         return model
     path = Path(model).expanduser().absolute()
     if not path.is_file():
-        raise ValueError(f"{model}: no such file.")
+        raise ValueError(f"{model}: {'a directory, not a model' if path.is_dir() else 'no such file'}.")
     relative = os.path.relpath(path, folder.absolute())
     return relative if relative.count("..") <= 2 else str(path)
 
@@ -102,6 +109,11 @@ def _table(found: Port) -> Table:
     table.add_row("base", robot.base)
     for leg in legs:
         table.add_row(f"leg to {leg.foot}", f"{len(leg.joints)} joints: {', '.join(leg.joints)}")
+    if not found.forwards:
+        table.add_row("forwards", "no leg bends forwards: is x not the direction in which the robot looks?")
+    if found.anatomy.passive:
+        moved = ", ".join(found.anatomy.passive)
+        table.add_row("passive", f"no motor: {moved}. Neither held nor observed; an episode begins with them at 0.")
     if robot.hold:
         table.add_row("held", f"{len(robot.hold)} joints: {', '.join(robot.hold)}")
     table.add_row(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.config.catalogue import find, shipped
+from ogmp_sb3.config.catalogue import find, is_path, shipped
 from ogmp_sb3.config.load import load_robot, load_task
-from ogmp_sb3.config.task_files import read_task
+from ogmp_sb3.config.task_files import extended_files, read_task
 from ogmp_sb3.porting.scale import Similar, scaled
 from ogmp_sb3.porting.task_yaml import task_yaml
 
@@ -25,8 +26,7 @@ class TaskCommandConfig:
     replace: bool = cli.option("true: write over a file that is there", False)
 
     def __post_init__(self) -> None:
-        if not self.new or self.new != Path(self.new).name or self.new.endswith(".yaml"):
-            raise ValueError(f"'new' must be a name, not a path; found '{self.new}'.")
+        cli.check_name("new", self.new)
 
 
 HELP = cli.usage(
@@ -49,19 +49,33 @@ def _run(arguments: list[str]) -> None:
     if file.exists() and not config.replace:
         raise ValueError(f"{file} is there already: give another name, or replace=true.")
     path = find("task", config.from_)
+    if file.absolute() in [each.absolute() for each in (path, *extended_files(path))]:
+        raise ValueError(f"'{config.from_}' is {file} itself, or extends it: give another name.")
     task, data, robot = load_task(config.from_), read_task(path), load_robot(config.robot)
     grow = Similar.of(robot, task.robot_config)
     encoder = config.new if task.encoder else None
-    text = task_yaml(config.from_, config.robot, encoder, scaled(data, task, robot), grow)
+    base, its_robot = (_from(file.parent, name) for name in (config.from_, config.robot))
+    text = task_yaml(base, its_robot, encoder, scaled(data, task, robot), grow)
     cli.check_out(file.parent)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(text, encoding="utf-8")
+    written = file.with_name(f".{file.name}")
+    try:
+        written.write_text(text, encoding="utf-8")
+        load_task(str(written))
+        written.replace(file)
+    finally:
+        written.unlink(missing_ok=True)
     console = cli.console()
     console.print(text, end="")
     steps = [f"ogmp-check {config.new} out=check", f"ogmp-train task={config.new}"]
     if encoder:
         steps.insert(0, f"ogmp-encode task={config.new}")
     console.print(f"\n{file} is written. Next:  " + "  ;  ".join(steps))
+
+
+def _from(folder: Path, name: str) -> str:
+    """How a file of a folder names a task or a robot: by a path from there if it is one."""
+    return os.path.relpath(Path(name).absolute(), folder.absolute()) if is_path(name) else name
 
 
 def main() -> None:

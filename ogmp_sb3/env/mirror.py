@@ -233,6 +233,8 @@ def mirror_error(robot: RobotConfig, model: mujoco.MjModel, joints: Mirror) -> f
 
 def _mass_matrix(robot: RobotConfig, model: mujoco.MjModel, data: mujoco.MjData, joint_pos: np.ndarray) -> np.ndarray:
     mujoco.mj_resetData(model, data)
+    base = model.jnt_qposadr[model.body(robot.base).jntadr[0]]
+    data.qpos[base + 3 : base + 7] = 1.0, 0.0, 0.0, 0.0
     for name, angle in zip(robot.joints, joint_pos, strict=True):
         data.joint(name).qpos = angle
     mujoco.mj_forward(model, data)

@@ -11,6 +11,7 @@ from ogmp_sb3.config.messages import did_you_mean
 
 ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+HEEL = 0.03  # share of the robot's height: what reaches down about as far as a toe is of the same foot
 LOW = 0.15  # feet are what reaches within this share of the robot's height above its lowest point
 
 
@@ -33,7 +34,9 @@ class Anatomy:
     legs: tuple[Leg, ...]
     """in the order of the model"""
     others: tuple[str, ...]
-    """joints of one axis that are of no leg: waist, arms, head, hands"""
+    """driven joints of one axis that are of no leg: waist, arms, head, hands"""
+    passive: tuple[str, ...]
+    """joints below the base that nothing drives, or that have more than one axis: they move as the physics has it"""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -53,6 +56,9 @@ def find_base(spec: mujoco.MjSpec, base: str | None = None) -> str:
     :raises ValueError: if there is none, or more than one
     """
     roots = list(spec.worldbody.bodies)
+    for body in roots:
+        if not body.name and base is None:
+            raise ValueError("a body of the world has no name: robot.yaml names the base.")
     free = [body.name for body in roots if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)]
     could = free or [body.name for body in roots if not body.joints and body.bodies]
     if base is not None:
@@ -60,7 +66,7 @@ def find_base(spec: mujoco.MjSpec, base: str | None = None) -> str:
             raise ValueError(f"'base': no body '{base}' of the world that is free{did_you_mean(base, could)}")
         return base
     if len(could) != 1:
-        has = f"has {len(could)} ({', '.join(could)}): give base=<body>" if could else "has none"
+        has = f"has {len(could)} ({', '.join(could)}): one robot each" if could else "has none, and nothing that could"
         raise ValueError(f"a robot's base is the one body of the world with a free joint; this model {has}.")
     return str(could[0])
 
@@ -68,13 +74,15 @@ def find_base(spec: mujoco.MjSpec, base: str | None = None) -> str:
 def find_anatomy(model: mujoco.MjModel, data: mujoco.MjData, base: str, feet: tuple[str, ...] = ()) -> Anatomy:
     """The parts of a robot.
 
-    Feet are the last bodies of limbs that can touch something, and reach down about as far as the lowest of them.
+    Feet are the ends of limbs that can touch something, and reach down about as far as the lowest of them; a foot with
+    toes is one foot.
 
     :param model: the robot alone
     :param data: of it, in a pose in which it stands
     :param base: the body with the free joint
     :param feet: the bodies that stand on the ground, if they are known
-    :raises ValueError: if nothing of it can touch the ground, or a foot is not there, or not below a joint
+    :raises ValueError: if nothing of it can touch the ground, a foot is not there, a leg has no joint of its own that
+        is driven, or a part has no name
     """
     names = [model.body(i).name for i in range(model.nbody)]
     for foot in feet:
@@ -86,17 +94,43 @@ def find_anatomy(model: mujoco.MjModel, data: mujoco.MjData, base: str, feet: tu
         if not chain:
             raise ValueError(f"foot '{names[end]}': no joint is between it and the base '{base}'.")
     shared = set(chains[0]).intersection(*chains[1:]) if len(chains) > 1 else set()
-    legs = []
+    legs: list[Leg] = []
+    owners: dict[int, int] = {}  # of joints: the feet
     for end, chain in zip(ends, chains, strict=True):
-        joints = tuple(model.joint(joint).name for joint in chain if joint not in shared and _driven(model, joint))
-        legs.append(Leg(joints, names[end]))
-    of_legs = {joint for leg in legs for joint in leg.joints}
-    others = tuple(
-        model.joint(i).name
-        for i in range(model.njnt)
-        if int(model.jnt_type[i]) in ONE_AXIS and model.joint(i).name not in of_legs and _driven(model, i)
+        own = [joint for joint in chain if joint not in shared and _driven(model, joint)]
+        if not own:
+            raise ValueError(f"the leg to '{names[end]}' has no joint of its own that an actuator of joints moves.")
+        for joint in own:
+            if joint in owners:
+                both = f"'{names[owners[joint]]}' and '{names[end]}'"
+                raise ValueError(f"{both} are feet of one leg, as joint '{model.joint(joint).name}' moves both.")
+            owners[joint] = end
+        legs.append(Leg(tuple(_named(model, joint) for joint in own), _body_name(model, end)))
+    below = [i for i in range(model.njnt) if model.jnt_bodyid[i] != model.body(base).id]
+    others = [i for i in below if i not in owners and _driven(model, i)]
+    passive = [i for i in below if not _driven(model, i)]
+    return Anatomy(
+        base,
+        tuple(legs),
+        tuple(_named(model, joint) for joint in others),
+        tuple(model.joint(joint).name or "(without a name)" for joint in passive),
     )
-    return Anatomy(base, tuple(legs), others)
+
+
+def _named(model: mujoco.MjModel, joint: int) -> str:
+    name = str(model.joint(joint).name)
+    if not name:
+        body = model.body(int(model.jnt_bodyid[joint])).name or "without a name"
+        raise ValueError(f"a joint of body '{body}' has no name: robot.yaml names all that it moves.")
+    return name
+
+
+def _body_name(model: mujoco.MjModel, body: int) -> str:
+    name = str(model.body(body).name)
+    if not name:
+        above = model.body(int(model.body_parentid[body])).name
+        raise ValueError(f"the body below '{above}' that stands on the ground has no name: robot.yaml names the feet.")
+    return name
 
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]) -> float:
@@ -120,7 +154,10 @@ def touching(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _lowest_ends(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> list[int]:
-    """The last bodies of limbs that can touch something, of those limbs that reach down to the ground."""
+    """The feet: of limbs that can touch something, of those that reach down to the ground.
+
+    Of several bodies of one limb that reach as far down, as a foot and its toes, the first.
+    """
     touch = np.zeros(model.nbody, dtype=bool)
     touch[model.geom_bodyid[touching(model)]] = True
     below = touch.copy()  # whether a body, or one below it, can touch something
@@ -135,7 +172,18 @@ def _lowest_ends(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> list[
         raise ValueError("no limb of the robot has a geom that can touch anything: give its feet some.")
     reach = {body: lowest_point(model, data, [body]) for body in ends}
     lowest = min(reach.values())
-    return [body for body in ends if reach[body] <= lowest + LOW * (data.xpos[base, 2] - lowest)]
+    feet = [body for body in ends if reach[body] <= lowest + LOW * (data.xpos[base, 2] - lowest)]
+    same = HEEL * (data.xpos[base, 2] - lowest)
+    return list(dict.fromkeys(_with_heel(model, data, body, base, same) for body in feet))
+
+
+def _with_heel(model: mujoco.MjModel, data: mujoco.MjData, body: int, base: int, same: float) -> int:
+    """The foot that a toe is of: the highest body above it that reaches as far down, but for some m."""
+    down, foot = lowest_point(model, data, [body]), body
+    while (body := int(model.body_parentid[body])) not in (base, 0):
+        if lowest_point(model, data, [body]) <= down + same:
+            foot = body
+    return foot
 
 
 def _joints_above(model: mujoco.MjModel, body: int, base: int) -> list[int]:
@@ -150,7 +198,9 @@ def _joints_above(model: mujoco.MjModel, body: int, base: int) -> list[int]:
 
 
 def _driven(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether an actuator moves a joint, or none moves any (as in a URDF, which has no actuators)."""
+    """Whether an actuator moves a joint of one axis, or none moves any (as in a URDF, which has no actuators)."""
+    if int(model.jnt_type[joint]) not in ONE_AXIS:
+        return False
     if not model.nu:
         return True
     of_joints = np.isin(model.actuator_trntype, OF_JOINTS)

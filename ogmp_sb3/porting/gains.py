@@ -7,6 +7,8 @@ import numpy as np
 
 from ogmp_sb3.config.robot import ServoConfig
 from ogmp_sb3.env.robot_spec import torque_limit
+from ogmp_sb3.env.servos import has_servo
+from ogmp_sb3.porting.anatomy import OF_JOINTS
 
 REACH = 1.0  # rad: the error at which a servo gives all of its torque
 DAMPING_RATIO = 0.3  # of the joint with all that it moves, in the air
@@ -20,39 +22,50 @@ def servo_gains(
     kd: float | None = None,
     torque: float | None = None,
 ) -> ServoConfig:
-    """Servos that are as stiff as their torque allows, and damped.
+    """Servos with what is given; else as in the model; else as stiff as their torque allows, and damped.
 
-    ``kp`` is the torque limit over 1 rad, ``kd`` 0.3 of critical damping of the inertia that the joint moves in this
-    pose. Legged robots of today are run at 0.7 to 1.9 rad, and 0.02 to 0.05 of kp in s.
+    By the rule ``kp`` is the torque limit over 1 rad, ``kd`` 0.3 of critical damping of the inertia that the joint
+    moves in this pose. Legged robots of today are run at 0.7 to 1.9 rad, and 0.02 to 0.05 of kp in s.
 
     :param model: the robot
     :param qpos: the pose, shape (nq,)
     :param joints: whose they are
-    :param kp: of all of them, N m/rad; None: by the rule
-    :param kd: N m s/rad
+    :param kp: of all of them, N m/rad; None: the model's where it has a servo, else by the rule
+    :param kd: N m s/rad, likewise
     :param torque: greatest, N m; None: as in the model
     :raises ValueError: if the model has no limit of a joint's torque, and none is given
     """
     limits = [torque if torque is not None else _limit(model, name) for name in joints]
+    own = [model_gains(model, name) for name in joints]
     if torque is None and kp is None:
-        for name, limit in zip(joints, limits, strict=True):
-            if limit is None:
+        for name, limit, has in zip(joints, limits, own, strict=True):
+            if has is None and not limit:
                 raise ValueError(
                     f"joint '{name}' has no limit of its torque in the model, from which its gains would come: "
                     "give torque=<N m>, or kp=<N m/rad>."
                 )
     inertia = _moved_inertia(model, qpos, joints)
-    stiff = [kp if kp is not None else float(limit or 0.0) / REACH for limit in limits]
-    damped = [
-        kd if kd is not None else 2.0 * DAMPING_RATIO * float(np.sqrt(k * i))
-        for k, i in zip(stiff, inertia, strict=True)
-    ]
+    stiff, damped = [], []
+    for has, limit, moved in zip(own, limits, inertia, strict=True):
+        stiff.append(kp if kp is not None else has[0] if has else _short(float(limit or 0.0) / REACH))
+        by_rule = _short(2.0 * DAMPING_RATIO * float(np.sqrt(stiff[-1] * moved)))
+        damped.append(kd if kd is not None else has[1] if has else by_rule)
     known = all(limit is not None for limit in limits)
     return ServoConfig(
-        kp=tuple(_short(k) for k in stiff),
-        kd=tuple(_short(k) for k in damped),
+        kp=tuple(stiff),
+        kd=tuple(damped),
         torque=tuple(float(limit or 0.0) for limit in limits) if known else None,
     )
+
+
+def model_gains(model: mujoco.MjModel, joint: str) -> tuple[float, float] | None:
+    """kp and kd of the position servo that a joint has in the model, as they act at the joint; None: it has none."""
+    if not has_servo(model, joint):
+        return None
+    of_joints = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_trnid[:, 0] == model.joint(joint).id)
+    (i,) = np.flatnonzero(of_joints).tolist()
+    gear = model.actuator_gear[i, 0] ** 2
+    return float(gear * model.actuator_gainprm[i, 0]), float(-gear * model.actuator_biasprm[i, 2] + 0.0)
 
 
 def _limit(model: mujoco.MjModel, name: str) -> float | None:

@@ -17,7 +17,7 @@ from ogmp_sb3.env.robot_spec import bare_spec, set_free
 from ogmp_sb3.env.servos import has_servo
 from ogmp_sb3.porting.anatomy import Anatomy, find_anatomy, find_base
 from ogmp_sb3.porting.gains import REACH, servo_gains
-from ogmp_sb3.porting.posture import Posture, find_posture, leg_length
+from ogmp_sb3.porting.posture import HOME, Posture, bends_forwards, find_posture, leg_length
 
 PHYSICS_DT = 0.002  # s, of what is measured here
 UNKNOWN = SRB(mass=1.0, inertia=(1.0, 1.0, 1.0))  # until the model is there
@@ -46,6 +46,8 @@ class Port:
     """its nominal pose"""
     servos: str
     """where its servos are from, for people"""
+    forwards: bool
+    """whether its legs bend along x, as they should"""
 
 
 def port(mjcf: str, name: str, folder: Path, given: Given) -> Port:
@@ -64,8 +66,11 @@ def port(mjcf: str, name: str, folder: Path, given: Given) -> Port:
         set_free(spec, base)
         model = spec.compile()
         data = mujoco.MjData(model)
-        if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, data, 0)
+        names = [model.key(i).name for i in range(model.nkey)]
+        if names:
+            mujoco.mj_resetDataKeyframe(model, data, names.index(HOME) if HOME in names else 0)
+        at = model.jnt_qposadr[model.body(base).jntadr[0]]
+        data.qpos[at + 3 : at + 7] = 1.0, 0.0, 0.0, 0.0
         mujoco.mj_kinematics(model, data)
         anatomy = find_anatomy(model, data, base, given.feet)
         posture = find_posture(model, anatomy)
@@ -89,12 +94,21 @@ def port(mjcf: str, name: str, folder: Path, given: Given) -> Port:
         hold={joint: _value(data, joint) for joint in anatomy.others},
         path=folder / "robot.yaml",
     )
-    clearance = foot_clearance(robot, PHYSICS_DT)
-    robot = replace(robot, nominal_height=math.ceil(1000 * (robot.nominal_height - clearance + AIR)) / 1000)
+    try:
+        clearance = foot_clearance(robot, PHYSICS_DT)
+    except ValueError as error:
+        raise ValueError(f"{file}, in the pose of its {posture.source}: {error}") from None
+    height = robot.nominal_height - clearance
+    air, digits = min(AIR, 0.01 * height), 10 ** max(3, 2 - math.floor(math.log10(height)))
+    robot = replace(robot, nominal_height=math.ceil(digits * (height + air)) / digits)
     body = model_srb(robot, build_model(robot, PHYSICS_DT, 1))
-    inertia = tuple(round(value, 6) for value in body.inertia)
-    robot = replace(robot, srb=SRB(mass=round(body.mass, 4), inertia=inertia))  # type: ignore[arg-type]
-    return Port(robot, anatomy, posture, told)
+    inertia = tuple(_digits(value) for value in body.inertia)
+    robot = replace(robot, srb=SRB(mass=_digits(body.mass), inertia=inertia))  # type: ignore[arg-type]
+    return Port(robot, anatomy, posture, told, bends_forwards(model, anatomy, posture.qpos))
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def _servos(model: mujoco.MjModel, posture: Posture, anatomy: Anatomy, given: Given) -> tuple[ServoConfig | None, str]:
@@ -103,7 +117,10 @@ def _servos(model: mujoco.MjModel, posture: Posture, anatomy: Anatomy, given: Gi
     if not by_hand and all(has_servo(model, joint) for joint in anatomy.joints):
         return None, "the model's own"
     servos = servo_gains(model, posture.qpos, anatomy.joints, **by_hand)
-    rule = f"by torque limits ({REACH:g} rad) and inertia"
+    own = [has_servo(model, joint) for joint in anatomy.joints]
+    rule = "the model's own" if all(own) else f"by torque limits ({REACH:g} rad) and inertia"
+    if any(own) and not all(own):
+        rule = f"the model's own of {sum(own)} joints, {rule} of {len(own) - sum(own)}"
     return servos, rule if not by_hand else ", ".join(f"{key} given" for key in by_hand) + f", else {rule}"
 
 

@@ -20,8 +20,8 @@ SIDEWAYS = 0.8  # cosine between the axis of a joint and the y axis, from which 
 FLAT = 0.1  # m: how much a foot that is turned by 1 rad counts, beside one that is elsewhere
 DAMPING = 1e-4
 STEPS, TURN = 200, 0.2  # of the search; rad at most in one of them
-LEVEL = 0.01  # m: what is lower than this above the lowest of a foot is of its sole
-CLOSE = 1e-3  # m, rad: how far a foot may be from where it should stand
+LEVEL = 0.02  # share of a leg's height: what is lower than this above the lowest of a foot is of its sole
+CLOSE = 0.003  # leg lengths that a foot may be from where it should stand
 MARGIN = 0.02  # of a joint's range, that it keeps from its ends
 COM_ROUNDS = 6
 
@@ -65,9 +65,10 @@ def crouch(model: mujoco.MjModel, anatomy: Anatomy, start: np.ndarray) -> Postur
     :raises ValueError: if the legs cannot reach there
     """
     data = mujoco.MjData(model)
-    data.qpos[:] = start
+    data.qpos[:] = upright(model, anatomy, start)
     mujoco.mj_kinematics(model, data)
-    lower = LOWER[4 if len(anatomy.legs) > 2 else 2] * leg_length(model, data, anatomy.legs[0])
+    length = leg_length(model, data, anatomy.legs[0])
+    lower = LOWER[4 if len(anatomy.legs) > 2 else 2] * length
     soles = [_sole(model, data, leg) for leg in anatomy.legs]
     targets = np.array([_place(model, data, sole) for sole in soles])
     targets[:, 2] += lower
@@ -75,13 +76,32 @@ def crouch(model: mujoco.MjModel, anatomy: Anatomy, start: np.ndarray) -> Postur
     for leg in anatomy.legs:
         _bend(model, data, leg)
     for _ in range(COM_ROUNDS):
-        off = max(_reach(model, data, *of) for of in zip(anatomy.legs, soles, targets, turned, strict=True))
+        off = [_reach(model, data, *of) for of in zip(anatomy.legs, soles, targets, turned, strict=True)]
         mujoco.mj_comPos(model, data)
         middle = np.mean([_place(model, data, sole)[0] for sole in soles])
         targets[:, 0] += data.subtree_com[model.body(anatomy.base).id, 0] - middle
-    if off > CLOSE:
-        raise ValueError(f"the legs do not reach a crouch: a foot stays {off:.3f} m from where it should stand.")
+    if max(off) > CLOSE * length:
+        foot = anatomy.legs[int(np.argmax(off))].foot
+        raise ValueError(
+            f"the legs do not reach a crouch: foot '{foot}' stays {max(off):.3f} m from where it should stand. "
+            f"Give the feet (feet=[...]) if '{foot}' is none, or the model a keyframe '{HOME}' in which it stands."
+        )
     return _standing(model, data, anatomy, f"crouch, {lower:.2f} m below straight legs")
+
+
+def upright(model: mujoco.MjModel, anatomy: Anatomy, qpos: np.ndarray) -> np.ndarray:
+    """A pose with the base level and heading along x, wherever the file has it."""
+    qpos = qpos.copy()
+    at = model.jnt_qposadr[model.body(anatomy.base).jntadr[0]]
+    qpos[at + 3 : at + 7] = 1.0, 0.0, 0.0, 0.0
+    return qpos
+
+
+def bends_forwards(model: mujoco.MjModel, anatomy: Anatomy, qpos: np.ndarray) -> bool:
+    """Whether the legs of three joints or more have two that bend them forwards, along x."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    return all(len(leg.joints) < WITH_ANKLE or len(_bending(model, data, leg)) > 1 for leg in anatomy.legs)
 
 
 def leg_length(model: mujoco.MjModel, data: mujoco.MjData, leg: Leg) -> float:
@@ -99,7 +119,7 @@ def leg_length(model: mujoco.MjModel, data: mujoco.MjData, leg: Leg) -> float:
 def _bent(model: mujoco.MjModel, anatomy: Anatomy, qpos: np.ndarray) -> float:
     """By how much of its length the first leg is shorter in a pose than it is straight."""
     data, leg = mujoco.MjData(model), anatomy.legs[0]
-    data.qpos[:] = qpos
+    data.qpos[:] = upright(model, anatomy, qpos)
     length = leg_length(model, data, leg)
     hip = (_bending(model, data, leg) or [model.joint(leg.joints[0]).id])[0]
     sole = lowest_point(model, data, with_all_below(model, model.body(leg.foot).id))
@@ -174,7 +194,8 @@ def _sole(model: mujoco.MjModel, data: mujoco.MjData, leg: Leg) -> Sole:
     of_it = np.isin(model.geom_bodyid, with_all_below(model, foot)) & touching(model)
     boxes = np.array([_extent(model, data, geom) for geom in np.flatnonzero(of_it).tolist()])  # low and high corners
     lowest = boxes[:, 0, 2].min()
-    low = boxes[boxes[:, 0, 2] < lowest + LEVEL]
+    height = data.xanchor[model.joint(leg.joints[0]).id, 2] - lowest
+    low = boxes[boxes[:, 0, 2] < lowest + LEVEL * height]
     middle = 0.5 * (low[:, 0].min(axis=0) + low[:, 1].max(axis=0))
     if len(_bending(model, data, leg)) >= WITH_ANKLE:
         middle[2] = lowest

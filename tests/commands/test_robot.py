@@ -45,10 +45,30 @@ def test_a_file_that_is_there_is_not_written_over_unless_told(model: str, tmp_pa
     assert run(tmp_path, model, "name=dog", "replace=true").returncode == 0
 
 
+@pytest.mark.parametrize("name", ["no", "1", "a: b", "x #y", "[a]"])
+def test_names_that_mean_something_in_yaml_are_names(name: str, tmp_path: Path) -> None:
+    text = PUP.mjcf_path.read_text(encoding="utf-8").replace("FL_foot", "off")
+    (tmp_path / "dog.xml").write_text(text, encoding="utf-8")
+    done = run(tmp_path, "dog.xml", f"name={name}")
+    assert done.returncode == 0, done.stderr
+    robot = load_robot(str(tmp_path / "robots" / name / "robot.yaml"))
+    assert robot.name == name and robot.feet[0] == "off"
+
+
+def test_a_robot_that_fails_leaves_the_one_that_is_there(model: str, tmp_path: Path) -> None:
+    assert run(tmp_path, model, "name=dog").returncode == 0
+    before = (tmp_path / "robots/dog/robot.yaml").read_text(encoding="utf-8")
+    text = PUP.mjcf_path.read_text(encoding="utf-8").replace("FL_foot", "a${b}")
+    (tmp_path / "dog.xml").write_text(text, encoding="utf-8")
+    assert run(tmp_path, "dog.xml", "name=dog", "replace=true").returncode == 2
+    assert (tmp_path / "robots/dog/robot.yaml").read_text(encoding="utf-8") == before
+    assert sorted(path.name for path in (tmp_path / "robots/dog").iterdir()) == ["robot.png", "robot.yaml"]
+
+
 def test_what_is_given_is_in_the_file_and_said(model: str, tmp_path: Path) -> None:
     feet = ("FR_foot", "FL_foot", "RR_foot", "RL_foot")
     done = run(tmp_path, model, "name=dog", "kp=30", "out=here", f"feet=[{','.join(feet)}]")
-    assert "kp given, else by torque limits (1 rad) and inertia" in done.stdout
+    assert "kp given, else the model's own" in done.stdout
     robot = load_robot(str(tmp_path / "here/robot.yaml"))
     assert robot.servos is not None and set(robot.servos.kp) == {30.0} and robot.feet == feet
     assert robot.joints[:3] == ("FR_hip_roll", "FR_hip_pitch", "FR_knee")
@@ -61,6 +81,11 @@ def test_what_is_given_is_in_the_file_and_said(model: str, tmp_path: Path) -> No
         (["dog.xml"], "'name' is missing: give name=<of the robot>."),
         (["cat.xml", "name=cat"], "cat.xml: no such file."),
         (["dog.xml", "cat.xml", "name=cat"], "give one model; found 'dog.xml' and 'cat.xml'."),
+        (["dog.xml", "name=.."], "'name' must be a name, not a path; found '..'."),
+        (["dog.xml", "name=a.yaml"], "'name' must be a name, not a path; found 'a.yaml'."),
+        (["dog.xml", "name=a", "feet=[FL_foot,FL_foot]"], "'feet' must name bodies, each once"),
+        ([".", "name=a"], ".: a directory, not a model."),
+        (["dog.xml", "name=a${b}"], "'a${b}' cannot be written into a YAML file of ours"),
         (["dog.xml", "name=a/b"], "'name' must be a name, not a path; found 'a/b'."),
         (["dog.xml", "name=hector"], "'hector' ships with ogmp_sb3: give another name."),
         (["dog.xml", "name=dog", "kp=0"], "'kp' must be above 0, found 0."),

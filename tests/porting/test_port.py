@@ -119,13 +119,116 @@ def test_a_urdf_has_neither_actuators_nor_a_free_base_and_gets_both(tmp_path: Pa
     )
 
 
+def test_gains_that_are_given_replace_no_others(tmp_path: Path) -> None:
+    """The model's servos have kp 40 and kd 0.8."""
+    robot = port(str(PUP.mjcf_path), "pup", tmp_path, Given(kd=2.0)).robot
+    assert robot.servos is not None
+    assert (set(robot.servos.kp), set(robot.servos.kd), set(robot.servos.torque or ())) == ({40.0}, {2.0}, {15.0})
+
+
+def test_joints_without_a_servo_get_one_beside_those_that_have_theirs(tmp_path: Path) -> None:
+    motor = ('<position name="FL_knee" joint="FL_knee"/>', '<motor name="FL_knee" joint="FL_knee" ctrlrange="-15 15"/>')
+    found = port(changed(PUP, tmp_path, motor), "pup", tmp_path, Given())
+    assert found.robot.servos is not None
+    gains = dict(zip(found.robot.joints, found.robot.servos.kp, strict=True))
+    assert gains.pop("FL_knee") == 15.0 and set(gains.values()) == {40.0}
+    assert found.servos == "the model's own of 11 joints, by torque limits (1 rad) and inertia of 1"
+
+
+TOE = (
+    '<body name="FL_toe" pos="0.04 0 0"><joint name="FL_toe" axis="0 1 0" range="-1 1"/>'
+    '<geom type="sphere" size="0.02" mass="0.01"/></body>'
+)
+
+
+def with_toe() -> tuple[str, str]:
+    """A change that puts a toe onto the first foot."""
+    mjcf = PUP.mjcf_path.read_text(encoding="utf-8")
+    foot = mjcf[mjcf.index('<body name="FL_foot"') :]
+    foot = foot[: foot.index("</body>")]
+    return foot, foot + TOE
+
+
+def test_a_foot_with_toes_is_one_foot_and_what_nothing_drives_is_said(tmp_path: Path) -> None:
+    found = port(changed(PUP, tmp_path, with_toe()), "pup", tmp_path, Given())
+    assert found.robot.feet == PUP.feet and found.robot.joints == PUP.joints
+    assert found.anatomy.passive == ("FL_toe",) and found.robot.hold == {}
+
+
+@pytest.mark.parametrize("euler", ["0 0 1.2", "1.2 0 0"])
+def test_how_the_file_turns_the_base_does_not_matter(euler: str, tmp_path: Path) -> None:
+    """In a keyframe, where it lies on its side, or turned away from x."""
+    quat = {"0 0 1.2": "0.825 0 0 0.565", "1.2 0 0": "0.825 0.565 0 0"}[euler]
+    pose = f"0 0 0.5 {quat} " + " ".join(["0 0.75 -1.5"] * 4)
+    key = ("</actuator>", f'</actuator><keyframe><key name="lying" qpos="{pose}"/></keyframe>')
+    robot = port(changed(PUP, tmp_path, key), "pup", tmp_path, Given()).robot
+    assert robot.joints == PUP.joints and robot.hold == {}
+    np.testing.assert_allclose(robot.nominal_joints, PUP.nominal_joints, atol=1e-6)
+
+
+BODY = '<mujoco><worldbody><body {base} pos="0 0 1"><freejoint/><geom size="0.1"/>{legs}</body></worldbody></mujoco>'
+UNNAMED_LEG = '<body {foot} pos="0 {y} -0.2"><joint {joint} axis="0 1 0"/><geom size="0.02" pos="0 0 -0.2"/></body>'
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"base": ""}, "a body of the world has no name: robot.yaml names the base"),
+        ({"foot": ""}, "the body below 'trunk' that stands on the ground has no name"),
+        ({"joint": ""}, "a joint of body 'leg.*' has no name: robot.yaml names all that it moves"),
+    ],
+)
+def test_parts_without_a_name_are_asked_for_one(names: dict[str, str], message: str, tmp_path: Path) -> None:
+    legs = "".join(
+        UNNAMED_LEG.format(y=y, foot=names.get("foot", f'name="leg{i}"'), joint=names.get("joint", f'name="hip{i}"'))
+        for i, y in enumerate((0.1, -0.1))
+    )
+    (tmp_path / "m.xml").write_text(BODY.format(base=names.get("base", 'name="trunk"'), legs=legs), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        port("m.xml", "m", tmp_path, Given(torque=10.0))
+
+
+def test_a_robot_that_looks_along_y_is_told_so(tmp_path: Path) -> None:
+    sideways = ('axis="1 0 0"', 'axis="0 -1 0"'), ('axis="0 1 0"', 'axis="1 0 0"')
+    found = port(changed(PUP, tmp_path, *sideways), "pup", tmp_path, Given())
+    assert not found.forwards and port(str(PUP.mjcf_path), "pup", tmp_path, Given()).forwards
+
+
+def test_a_small_robot_keeps_its_digits(tmp_path: Path) -> None:
+    """A twentieth of the length: inertia falls with the fifth power of it, at the same density."""
+    tiny = tmp_path / "tiny.xml"
+    spec = mujoco.MjSpec.from_file(str(PUP.mjcf_path))
+    for body in spec.bodies:
+        body.pos *= 0.05
+    for geom in spec.geoms:
+        geom.pos, geom.size, geom.mass = 0.05 * geom.pos, 0.05 * geom.size, 0.05**3 * geom.mass
+        if np.isfinite(geom.fromto).all():
+            geom.fromto *= 0.05
+    tiny.write_text(spec.to_xml(), encoding="utf-8")
+    small = port(str(tiny), "tiny", tmp_path, Given()).robot
+    large = port(str(PUP.mjcf_path), "pup", tmp_path, Given()).robot
+    np.testing.assert_allclose(small.srb.inertia, 0.05**5 * np.array(large.srb.inertia), rtol=1e-3)
+    assert small.nominal_height == pytest.approx(0.05 * large.nominal_height, rel=0.02)
+
+
+def bent(knee: str) -> tuple[str, str]:
+    """A change that gives the model a keyframe with its knees at an angle."""
+    pose = "0 0 0.3 1 0 0 0 " + " ".join([f"0 0.75 {knee}"] * 4)
+    return "</actuator>", f'</actuator><keyframe><key name="home" qpos="{pose}"/></keyframe>'
+
+
 @pytest.mark.parametrize(
     ("changes", "given", "message"),
     [
         (
+            [],
+            Given(feet=("FL_foot", "FL_shank", "FR_foot")),
+            "'FL_foot' and 'FL_shank' are feet of one leg, as joint 'FL_hip_roll'",
+        ),
+        (
             [('<freejoint name="root"/>', "<joint/>")],
             Given(),
-            "the one body of the world with a free joint; .* has none",
+            "the one body of the world with a free joint; this model has none",
         ),
         ([], Given(base="trnk"), r"'base': no body 'trnk' .*Did you mean 'trunk'\?"),
         ([], Given(feet=("FL_fot",)), r"'feet': no body 'FL_fot' .*Did you mean 'FL_foot'\?"),
@@ -137,6 +240,7 @@ def test_a_urdf_has_neither_actuators_nor_a_free_base_and_gets_both(tmp_path: Pa
             "joint 'FL_hip_roll' has no limit of its torque in the model, .*give torque=<N m>",
         ),
         ([("<worldbody>", "<worldbdy>")], Given(), "model.xml: .*worldbdy"),
+        ([bent("1.5")], Given(), "model.xml, in the pose of its keyframe 'home': .*'FL_knee' is at 1.5 rad, outside"),
     ],
 )
 def test_what_is_no_robot_is_one_sentence(
