@@ -18,6 +18,7 @@ from ogmp_sb3.config.robot import RobotConfig, ServoConfig
 from ogmp_sb3.guidance.rotations import quat_multiply, quat_rotate
 
 FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+ROUNDING = 1e-3  # rad or m by which a joint may be held outside its range, which files often give in degrees
 ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
@@ -144,6 +145,11 @@ def _held_pose(model: mujoco.MjModel, name: str, robot: RobotConfig) -> tuple[np
         kind, axis, anchor = int(model.jnt_type[joint]), model.jnt_axis[joint], model.jnt_pos[joint]
         if kind not in ONE_AXIS:
             raise ValueError(f"{_where(robot)} has '{model.joint(joint).name}', which is no joint of one axis.")
+        low, high = model.jnt_range[joint]
+        at = robot.hold[model.joint(joint).name]
+        if model.jnt_limited[joint] and not low - ROUNDING <= at <= high + ROUNDING:
+            name = model.joint(joint).name
+            raise ValueError(f"{_where(robot)} has '{name}' at {at:g}, outside the joint's range, {low:g} to {high:g}.")
         moved = robot.hold[model.joint(joint).name] - model.qpos0[model.jnt_qposadr[joint]]
         if kind == mujoco.mjtJoint.mjJNT_SLIDE:
             pos = pos + quat_rotate(quat, moved * axis)

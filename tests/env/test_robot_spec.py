@@ -124,6 +124,10 @@ def test_who_was_paired_with_the_floor_meets_the_ground(tmp_path: Path) -> None:
     ("fields", "message"),
     [
         ({"hold": {"FL_kne": 0.0}}, r"'hold' has no joint 'FL_kne'.*Did you mean 'FL_knee'\?"),
+        (
+            {"hold": {"FL_knee": 0.3}, **without("FL_knee")},
+            "'hold' has 'FL_knee' at 0.3, outside the joint's range, -2.6 to -0.1",
+        ),
         ({"hold": {"root": 0.0}}, "'hold' has 'root', which is no joint of one axis"),
         (
             {"hold": {"FL_hip_roll": 0.0}, **without("FL_hip_roll")},
