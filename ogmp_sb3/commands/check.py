@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -23,7 +25,7 @@ from ogmp_sb3.config.task_files import extended_files, read_task
 from ogmp_sb3.config.yaml_files import apply_overrides
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.failed_step import replay
-from ogmp_sb3.env.mirror import mirror_error, mirrors
+from ogmp_sb3.env.mirror import Mirror, mirror_error, mirrors
 from ogmp_sb3.env.robot_check import Stand, foot_clearance, model_srb, stand
 from ogmp_sb3.evaluation.evaluate import metric_names
 from ogmp_sb3.guidance.admissible import admissible_rho
@@ -102,13 +104,17 @@ def _middle(range_: Range) -> float | str:
     return range_.words[0] if range_.words else 0.5 * (range_.low + range_.high)
 
 
-def _mirror_image(env: BatchEnv) -> str:
-    """How symmetric the robot is, or why a policy cannot be trained with ``ppo.symmetry``."""
+def mirror_image(robot: RobotConfig, model: mujoco.MjModel, find: Callable[[], Mirror]) -> str:
+    """How symmetric a robot is, or why it, or what is observed of it, has no mirror image.
+
+    :param model: of :func:`~ogmp_sb3.env.robot_model.build_model`
+    :param find: gives the mirror image of the joints
+    """
     try:
-        joints = mirrors(env).action
+        joints = find()
     except ValueError as error:
         return f"none: {error}"
-    difference = mirror_error(env.task.robot_config, env.sim.model, joints)
+    difference = mirror_error(robot, model, joints)
     return f"left and right differ by at most {100 * difference:.2g} % of the mass matrix"
 
 
@@ -134,7 +140,7 @@ def _describe(task: TaskConfig, env: BatchEnv, console: Console) -> None:
             table.add_row(title, ", ".join(_disturbance_text(*term) for term in terms.items()))
     robot = task.robot_config
     table.add_row("robot", f"{robot.name}: {rigid_body(robot, model_srb(robot, env.sim.model))}")
-    table.add_row("mirror image", _mirror_image(env))
+    table.add_row("mirror image", mirror_image(robot, env.sim.model, lambda: mirrors(env).action))
     wrong_height = height(robot, foot_clearance(robot, task.physics_dt))
     if wrong_height:
         table.add_row("nominal height", wrong_height)

@@ -54,7 +54,7 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
             raise ValueError(f"'{argument}' must have the form key=value.")
         key = _field(key.removeprefix("task."))
         if key in values or any(other.partition("=")[0] == key for other in rest):
-            raise ValueError(f"'{key}' is given twice.")
+            raise ValueError(f"'{_key(key)}' is given twice.")
         if key in fields:
             values[key] = _value(text, fields[key])
         elif key.split(".")[0] in extra:
@@ -63,7 +63,8 @@ def parse(kind: type[C], arguments: list[str], program: str, extra: tuple[str, .
             raise KeyError(f"unknown key '{key}'{did_you_mean(key, [*map(_key, fields), *extra])}")
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.default is dataclasses.MISSING and field.name not in values:
-            raise KeyError(f"'{field.name}' is missing: give {field.name}=<{field.metadata['help']}>.")
+            name = _key(field.name)
+            raise KeyError(f"'{name}' is missing: give {name}=<{field.metadata['help']}>.")
     return read(kind, values, Where(program)), rest
 
 

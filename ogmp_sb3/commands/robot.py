@@ -9,19 +9,19 @@ from pathlib import Path
 from rich.table import Table
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.commands.check import stance
+from ogmp_sb3.commands.check import DROP, mirror_image, stance
 from ogmp_sb3.config.catalogue import shipped
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.model_file import MENAGERIE, PACKAGE
-from ogmp_sb3.env.mirror import joint_mirror, mirror_error
+from ogmp_sb3.env.mirror import joint_mirror
 from ogmp_sb3.env.robot_check import stand
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.porting.port import PHYSICS_DT, Given, Port, port
 from ogmp_sb3.porting.robot_yaml import robot_yaml
 from ogmp_sb3.report.plots.robot import draw_robot
+from ogmp_sb3.runs.atomic import replacing
 
 PROGRAM = "ogmp-robot"
-DROP = 0.1  # m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,13 +78,9 @@ def _run(arguments: list[str]) -> None:
     text = robot_yaml(found)
     cli.check_out(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = folder / f".{file.name}"
-    try:
+    with replacing(file) as written:
         written.write_text(text, encoding="utf-8")
-        load_robot(str(written))
-        written.replace(file)
-    finally:
-        written.unlink(missing_ok=True)
+        load_robot(str(written.absolute()))
     console = cli.console()
     console.print(_table(found))
     console.print(str(draw_robot(found, folder / "robot.png")))
@@ -122,21 +118,12 @@ def _table(found: Port) -> Table:
     table.add_row("servos", found.servos)
     inertia = ", ".join(f"{value:.3g}" for value in robot.srb.inertia)
     table.add_row("single rigid body", f"{robot.srb.mass:.4g} kg, inertia {inertia} kg m^2")
-    table.add_row("mirror image", _mirror_image(found))
+    model = build_model(robot, PHYSICS_DT, 1)
+    table.add_row("mirror image", mirror_image(robot, model, lambda: joint_mirror(robot, model)))
     standing, dropped = stand(robot, PHYSICS_DT, (0.0, DROP))
     table.add_row("held for 1 s", stance(standing))
     table.add_row(f"dropped {DROP:g} m", stance(dropped))
     return table
-
-
-def _mirror_image(found: Port) -> str:
-    model = build_model(found.robot, PHYSICS_DT, 1)
-    try:
-        joints = joint_mirror(found.robot, model)
-    except ValueError as error:
-        return f"none: {error}"
-    difference = mirror_error(found.robot, model, joints)
-    return f"left and right differ by at most {100 * difference:.2g} % of the mass matrix"
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from ogmp_sb3.config.load import load_robot, load_task
 from ogmp_sb3.config.task_files import extended_files, read_task
 from ogmp_sb3.porting.scale import Similar, scaled
 from ogmp_sb3.porting.task_yaml import task_yaml
+from ogmp_sb3.runs.atomic import replacing
 
 PROGRAM = "ogmp-task"
 
@@ -58,13 +59,9 @@ def _run(arguments: list[str]) -> None:
     text = task_yaml(base, its_robot, encoder, scaled(data, task, robot), grow)
     cli.check_out(file.parent)
     file.parent.mkdir(parents=True, exist_ok=True)
-    written = file.with_name(f".{file.name}")
-    try:
+    with replacing(file) as written:
         written.write_text(text, encoding="utf-8")
-        load_task(str(written))
-        written.replace(file)
-    finally:
-        written.unlink(missing_ok=True)
+        load_task(str(written.absolute()))
     console = cli.console()
     console.print(text, end="")
     steps = [f"ogmp-check {config.new} out=check", f"ogmp-train task={config.new}"]

@@ -19,7 +19,7 @@ def ground_bits(model: mujoco.MjModel, robot: RobotConfig) -> int:
     :return: 1; or all bits if that leaves out a foot, so that the ground meets whatever collides with anything
     :raises ValueError: if a foot cannot touch any ground
     """
-    feet = [_with_all_below(model, model.body(name).id) for name in robot.feet]
+    feet = [with_all_below(model, model.body(name).id) for name in robot.feet]
     for name, bodies in zip(robot.feet, feet, strict=True):
         if not np.isin(_bodies_that_meet(model, ALL_BITS), bodies).any():
             colliding = (model.geom_contype | model.geom_conaffinity) != 0
@@ -38,7 +38,7 @@ def add_missing_sensors(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
     :param spec: what ``model`` was compiled of; all its bodies have names
     :param bits: of the ground
     """
-    sensed = {model.sensor_objid[i] for i in _ground_sensors(model)} | set(_feet(model, robot))
+    sensed = {model.sensor_objid[i] for i in _ground_sensors(model)} | set(foot_bodies(model, robot))
     for body in dict.fromkeys(_bodies_that_meet(model, bits).tolist()):
         if body not in sensed:
             spec.add_sensor(
@@ -53,7 +53,7 @@ def add_missing_sensors(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
 
 def body_contact_addresses(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:
     """Places in ``sensordata`` that are above 0 where a body that is not of a foot touches the ground."""
-    feet = _feet(model, robot)
+    feet = foot_bodies(model, robot)
     sensors = [i for i in _ground_sensors(model) if model.sensor_objid[i] not in feet]
     return np.array(model.sensor_adr[sensors], dtype=int)
 
@@ -67,10 +67,21 @@ def ground_geoms(model: mujoco.MjModel) -> np.ndarray:
     return np.flatnonzero(_meet(model, int(model.geom("terrain_0").contype[0])))
 
 
+def geom_extents(data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest coordinates of the boxes around geoms, world frame, shapes (n, 3), m.
+
+    :param geoms: shape (n,), int
+    """
+    model, rotation = data.model, data.geom_xmat[geoms].reshape(-1, 3, 3)
+    centre = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", rotation, model.geom_aabb[geoms, :3])
+    reach = np.einsum("gij,gj->gi", np.abs(rotation), model.geom_aabb[geoms, 3:])
+    return centre - reach, centre + reach
+
+
 def foot_geoms(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:
     """Those of its feet; as :func:`ground_geoms`."""
     geoms = ground_geoms(model)
-    return geoms[np.isin(model.geom_bodyid[geoms], list(_feet(model, robot)))]
+    return geoms[np.isin(model.geom_bodyid[geoms], list(foot_bodies(model, robot)))]
 
 
 def _ground_sensors(model: mujoco.MjModel) -> list[int]:
@@ -98,12 +109,12 @@ def _bodies_that_meet(model: mujoco.MjModel, bits: int) -> np.ndarray:
     return model.geom_bodyid[_meet(model, bits)]  # type: ignore[no-any-return]
 
 
-def _feet(model: mujoco.MjModel, robot: RobotConfig) -> set[int]:
+def foot_bodies(model: mujoco.MjModel, robot: RobotConfig) -> set[int]:
     """Every body of a foot."""
-    return {body for name in robot.feet for body in _with_all_below(model, model.body(name).id)}
+    return {body for name in robot.feet for body in with_all_below(model, model.body(name).id)}
 
 
-def _with_all_below(model: mujoco.MjModel, body: int) -> list[int]:
+def with_all_below(model: mujoco.MjModel, body: int) -> list[int]:
     """A body and its descendants, whose numbers are higher than those of their parents."""
     family = {body}
     for other in range(body + 1, model.nbody):

@@ -12,7 +12,7 @@ import numpy as np
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.variation import InitialConfig
-from ogmp_sb3.env.ground_contacts import ground_geoms
+from ogmp_sb3.env.ground_contacts import geom_extents, ground_geoms
 from ogmp_sb3.env.simulation import Simulation
 from ogmp_sb3.guidance.terrain import NOTHING, TOP, X0, X1, Y0, Y1
 
@@ -138,10 +138,7 @@ def depth_in_ground(data: mujoco.MjData, qpos: np.ndarray, terrain: np.ndarray) 
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     geoms = ground_geoms(model)
-    rotation = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    centre = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", rotation, model.geom_aabb[geoms, :3])
-    reach = np.einsum("gij,gj->gi", np.abs(rotation), model.geom_aabb[geoms, 3:])
-    low, high = (centre - reach)[:, None], (centre + reach)[:, None]  # (geoms, 1, 3)
+    low, high = (ends[:, None] for ends in geom_extents(data, geoms))  # (geoms, 1, 3)
     under = (terrain[:, X0] < high[..., 0]) & (low[..., 0] < terrain[:, X1])
     under &= (terrain[:, Y0] < high[..., 1]) & (low[..., 1] < terrain[:, Y1])
     ground = np.where(under, terrain[:, TOP], NOTHING).max(axis=1)  # (geoms,)

@@ -15,12 +15,10 @@ import numpy as np
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.messages import Where, did_you_mean
 from ogmp_sb3.config.robot import RobotConfig, ServoConfig
+from ogmp_sb3.env.servos import OF_JOINTS, ONE_AXIS, ROUNDING, joint_actuators
 from ogmp_sb3.guidance.rotations import quat_multiply, quat_rotate
 
 FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-ROUNDING = 1e-3  # rad or m by which a joint may be held outside its range, which files often give in degrees
-ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def robot_spec(robot: RobotConfig) -> mujoco.MjSpec:
@@ -180,9 +178,7 @@ def _drive(spec: mujoco.MjSpec, robot: RobotConfig, servos: ServoConfig) -> None
 def torque_limit(model: mujoco.MjModel, name: str) -> float | None:
     """Greatest torque that what drives a joint in the file gives; None: no limit but the joint's, if it has one."""
     found = []
-    for i in np.flatnonzero(np.isin(model.actuator_trntype, [int(kind) for kind in OF_JOINTS])):
-        if model.joint(int(model.actuator_trnid[i, 0])).name != name:
-            continue
+    for i in joint_actuators(model, model.joint(name).id):
         gear, motor = abs(model.actuator_gear[i, 0]), model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
         if model.actuator_forcelimited[i]:
             found.append(gear * np.abs(model.actuator_forcerange[i]).max())

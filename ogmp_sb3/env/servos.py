@@ -12,6 +12,7 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.robot import RobotConfig
 
 FILTERS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 ROUNDING = 1e-3  # rad or m by which a pose may lie outside a range, which files often give in degrees
 
@@ -102,12 +103,12 @@ def read_servos(model: mujoco.MjModel, robot: RobotConfig) -> Servos:
 
 def has_servo(model: mujoco.MjModel, joint: str) -> bool:
     """Whether a joint has one actuator, and that is a position servo."""
-    found = _actuators(model, model.joint(joint).id)
+    found = joint_actuators(model, model.joint(joint).id)
     return len(found) == 1 and _fault(model, found[0]) is None
 
 
-def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
-    """What acts on a joint."""
+def joint_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+    """The actuators that act on a joint."""
     of_it = np.isin(model.actuator_trntype, [int(kind) for kind in OF_JOINTS]) & (model.actuator_trnid[:, 0] == joint)
     return np.flatnonzero(of_it).tolist()
 
@@ -121,7 +122,7 @@ def _through(gear: np.ndarray, ranges: np.ndarray, limited: np.ndarray) -> np.nd
 def _joint(model: mujoco.MjModel, name: str, robot: RobotConfig) -> int:
     joint = model.joint(name)
     kind = mujoco.mjtJoint(int(joint.type[0]))
-    if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+    if int(kind) not in ONE_AXIS:
         where = Where(shown_path(robot.path)) / "joints"
         raise ValueError(f"{where}: '{name}' is a {_word(kind)} joint; servos move joints of one axis, hinge or slide.")
     return int(joint.id)
@@ -130,7 +131,7 @@ def _joint(model: mujoco.MjModel, name: str, robot: RobotConfig) -> int:
 def _servo(model: mujoco.MjModel, joint: int, robot: RobotConfig) -> int:
     """The actuator of a joint."""
     name = model.joint(joint).name
-    found = _actuators(model, joint)
+    found = joint_actuators(model, joint)
     must = f'must have a position servo, e.g. <position name="{name}" joint="{name}" kp="30" kv="1"/>'
     if len(found) != 1:
         has = f"has {len(found)}: {', '.join(_called(model, i) for i in found)}" if found else "has no actuator"

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.messages import did_you_mean
+from ogmp_sb3.env.ground_contacts import geom_extents
+from ogmp_sb3.env.servos import ONE_AXIS, joint_actuators
 
-ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 HEEL = 0.03  # share of the robot's height: what reaches down about as far as a toe is of the same foot
 LOW = 0.15  # feet are what reaches within this share of the robot's height above its lowest point
 
@@ -138,12 +138,9 @@ def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]) 
 
     Of a mesh, the corners of its box.
     """
-    low = np.inf
-    for i in np.flatnonzero(np.isin(model.geom_bodyid, bodies) & touching(model)):
-        centre, half = model.geom_aabb[i, :3], model.geom_aabb[i, 3:]
-        down = data.geom_xmat[i].reshape(3, 3)[2]
-        low = min(low, data.geom_xpos[i, 2] + down @ centre - np.abs(down) @ half)
-    return float(low)
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & touching(model))
+    low, _ = geom_extents(data, geoms)
+    return float(low[:, 2].min(initial=np.inf))
 
 
 def touching(model: mujoco.MjModel) -> np.ndarray:
@@ -203,5 +200,4 @@ def _driven(model: mujoco.MjModel, joint: int) -> bool:
         return False
     if not model.nu:
         return True
-    of_joints = np.isin(model.actuator_trntype, OF_JOINTS)
-    return bool((model.actuator_trnid[of_joints, 0] == joint).any())
+    return bool(joint_actuators(model, joint))

@@ -7,8 +7,7 @@ import numpy as np
 
 from ogmp_sb3.config.robot import ServoConfig
 from ogmp_sb3.env.robot_spec import torque_limit
-from ogmp_sb3.env.servos import has_servo
-from ogmp_sb3.porting.anatomy import OF_JOINTS
+from ogmp_sb3.env.servos import has_servo, joint_actuators
 
 REACH = 1.0  # rad: the error at which a servo gives all of its torque
 DAMPING_RATIO = 0.3  # of the joint with all that it moves, in the air
@@ -62,8 +61,7 @@ def model_gains(model: mujoco.MjModel, joint: str) -> tuple[float, float] | None
     """kp and kd of the position servo that a joint has in the model, as they act at the joint; None: it has none."""
     if not has_servo(model, joint):
         return None
-    of_joints = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_trnid[:, 0] == model.joint(joint).id)
-    (i,) = np.flatnonzero(of_joints).tolist()
+    (i,) = joint_actuators(model, model.joint(joint).id)
     gear = model.actuator_gear[i, 0] ** 2
     return float(gear * model.actuator_gainprm[i, 0]), float(-gear * model.actuator_biasprm[i, 2] + 0.0)
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from ogmp_sb3.env.ground_contacts import geom_extents, with_all_below
+from ogmp_sb3.env.servos import ONE_AXIS
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
 from ogmp_sb3.porting.anatomy import Anatomy, Leg, lowest_point, touching
 
@@ -126,15 +128,6 @@ def _bent(model: mujoco.MjModel, anatomy: Anatomy, qpos: np.ndarray) -> float:
     return 1.0 - float(data.xanchor[hip, 2] - sole) / length
 
 
-def with_all_below(model: mujoco.MjModel, body: int) -> list[int]:
-    """A body and its descendants."""
-    family = [body]
-    for other in range(body + 1, model.nbody):
-        if model.body_parentid[other] in family:
-            family.append(other)
-    return family
-
-
 def _standing(model: mujoco.MjModel, data: mujoco.MjData, anatomy: Anatomy, source: str) -> Posture:
     """The pose of some data, with the base upright over its own ground."""
     base = model.jnt_qposadr[model.body(anatomy.base).jntadr[0]]
@@ -150,7 +143,7 @@ def _within_ranges(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     """Positions with every joint of one axis within its range."""
     qpos = qpos.copy()
     for joint in np.flatnonzero(model.jnt_limited):
-        if model.jnt_type[joint] in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
+        if int(model.jnt_type[joint]) in ONE_AXIS:
             low, high = model.jnt_range[joint]
             at = model.jnt_qposadr[joint]
             qpos[at] = np.clip(qpos[at], low + MARGIN * (high - low), high - MARGIN * (high - low))
@@ -192,7 +185,7 @@ def _sole(model: mujoco.MjModel, data: mujoco.MjData, leg: Leg) -> Sole:
     """The middle of the boxes around what reaches down farthest; at their height where an ankle keeps them level."""
     foot = model.body(leg.foot).id
     of_it = np.isin(model.geom_bodyid, with_all_below(model, foot)) & touching(model)
-    boxes = np.array([_extent(model, data, geom) for geom in np.flatnonzero(of_it).tolist()])  # low and high corners
+    boxes = np.stack(geom_extents(data, np.flatnonzero(of_it)), axis=1)  # low and high corners
     lowest = boxes[:, 0, 2].min()
     height = data.xanchor[model.joint(leg.joints[0]).id, 2] - lowest
     low = boxes[boxes[:, 0, 2] < lowest + LEVEL * height]
@@ -200,14 +193,6 @@ def _sole(model: mujoco.MjModel, data: mujoco.MjData, leg: Leg) -> Sole:
     if len(_bending(model, data, leg)) >= WITH_ANKLE:
         middle[2] = lowest
     return Sole(foot, data.xmat[foot].reshape(3, 3).T @ (middle - data.xpos[foot]))
-
-
-def _extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the greatest coordinates of the box around a geom, world frame, m."""
-    axes = data.geom_xmat[geom].reshape(3, 3)
-    centre = data.geom_xpos[geom] + axes @ model.geom_aabb[geom, :3]
-    half = np.abs(axes) @ model.geom_aabb[geom, 3:]
-    return centre - half, centre + half
 
 
 def _place(model: mujoco.MjModel, data: mujoco.MjData, sole: Sole) -> np.ndarray:

@@ -18,6 +18,7 @@ from ogmp_sb3.config.robot import RobotConfig
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.env.servos import read_servos
+from ogmp_sb3.porting.port import PHYSICS_DT
 
 GROWTH = {
     "m": (1.0, 0.0), "s": (0.5, 0.0), "m/s": (0.5, 0.0), "rad/s": (-0.5, 0.0), "kg": (0.0, 1.0), "N": (0.0, 1.0),
@@ -30,7 +31,6 @@ STATE_UNITS = {"x": "m", "y": "m", "z": "m", "wx": "rad/s", "wy": "rad/s", "wz":
 )
 INPUT_UNITS = dict.fromkeys(("fx", "fy", "fz"), "N") | dict.fromkeys(("mx", "my", "mz"), "N m")
 INITIAL_UNITS = {"x": "m", "y": "m", "velocity": "m/s"}
-TERMS = ("modes", "randomisation", "observations", "critic_observations", "rewards", "terminations")
 REGISTRIES: Mapping[str, registry.Registry[Any]] = {
     "modes": registry.modes,
     "randomisation": registry.randomisations,
@@ -79,8 +79,8 @@ def scaled(data: Mapping[str, Any], task: TaskConfig, robot: RobotConfig) -> dic
     own = task.robot_config
     grow = Similar.of(robot, own)
     changes: dict[str, Any] = {}
-    for part in TERMS:
-        changes[part] = _terms(data.get(part), REGISTRIES[part], grow)
+    for part, of in REGISTRIES.items():
+        changes[part] = _terms(data.get(part), of, grow)
     for name, more in _left_out(data["modes"], grow).items():
         changes["modes"][name] |= more
     curriculum, evaluation = data.get("curriculum") or {}, data.get("evaluation") or {}
@@ -175,7 +175,7 @@ def _unit(state: str) -> str:
 
 def _reach(robot: RobotConfig) -> float:
     """The error at which a robot's servos give all of their torque, in the middle, rad; 1 if nothing limits them."""
-    servos = read_servos(build_model(robot, 0.002, 1), robot)
+    servos = read_servos(build_model(robot, PHYSICS_DT, 1), robot)
     reach = float(np.median(servos.torque_high / servos.kp))
     return reach if np.isfinite(reach) else 1.0
 

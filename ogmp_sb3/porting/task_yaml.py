@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ogmp_sb3.porting.robot_yaml import quoted
+from ogmp_sb3.porting.robot_yaml import WIDTH, quoted
 from ogmp_sb3.porting.scale import Similar
 
-WIDTH = 120
 WHY = {
     "modes": "lengths x {m:.2f}, speeds x {m/s:.2f}",
     "gait": "m, s",

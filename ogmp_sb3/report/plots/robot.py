@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull, QhullError
 
+from ogmp_sb3.env.ground_contacts import foot_bodies
 from ogmp_sb3.env.robot_check import nominal_data
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.porting.anatomy import Leg, touching
@@ -30,7 +31,7 @@ def draw_robot(port: Port, path: Path) -> Path:
     model = build_model(robot, PHYSICS_DT, 1)
     data = nominal_data(robot, model)
     mujoco.mj_comPos(model, data)
-    feet = _of_feet(model, robot.feet)
+    feet = foot_bodies(model, robot)
     figure = Figure(figsize=(12, 7), layout="constrained")
     own = model.body_rootid[model.geom_bodyid] == model.body(robot.base).id
     for axes, (title, across) in zip(figure.subplots(1, 2), VIEWS, strict=True):
@@ -73,14 +74,6 @@ def _labels(names: list[str], points: np.ndarray) -> list[tuple[str, np.ndarray]
         else:
             labels.append((name, point))
     return labels
-
-
-def _of_feet(model: mujoco.MjModel, feet: tuple[str, ...]) -> set[int]:
-    family = {model.body(name).id for name in feet}
-    for body in range(model.nbody):
-        if model.body_parentid[body] in family:
-            family.add(body)
-    return family
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
