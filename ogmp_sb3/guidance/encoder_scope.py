@@ -58,7 +58,7 @@ def outside(task: TaskConfig) -> str | None:
     trained = load_encoder(task.encoder).info.get(TRAINED_ON)
     if trained is None:
         return None
-    here = scope(task)
+    here, trained = scope(task), _with_newer_parameters(trained)
     differing = [key for key in {**here, **trained} if not _within(key, here, trained)]
     if not differing:
         return None
@@ -66,6 +66,18 @@ def outside(task: TaskConfig) -> str | None:
     more = f" ({', '.join(others)} {'differs' if len(others) == 1 else 'differ'} too)" if others else ""
     values = f"{_text(trained.get(key))}, and is {_text(here.get(key))} in this task{more}"
     return f"{task.file}: the encoder '{task.encoder}' was trained on other references: '{key}' was {values}"
+
+
+def _with_newer_parameters(trained: Scope) -> Scope:
+    """A scope with the parameters that its modes have got since: they were what is now their default."""
+    known = set(registry.modes.names())
+    defaults = {
+        f"modes.{mode}.{key}": _limits(_fixed(value))
+        for mode in trained["modes"]
+        if mode in known
+        for key, value in _defaults(registry.modes, mode).items()
+    }
+    return {**defaults, **trained}
 
 
 def leaves(data: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:

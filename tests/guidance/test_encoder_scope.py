@@ -97,6 +97,12 @@ def test_a_parameter_that_a_task_leaves_out_has_its_default() -> None:
     assert scope(load_task("parkour", alone))["modes.pace.length"] == [0.4, 1.2]
 
 
+def test_a_parameter_newer_than_an_encoder_was_its_default_then() -> None:
+    """The shipped encoder knows no ``lead``: it was trained when that was a constant of 0.05 m."""
+    found = outside(load_task("parkour", {"modes.jump.lead": 0.1}))
+    assert found is not None and "'modes.jump.lead' was 0.05, and is 0.1 in this task" in found
+
+
 def test_a_mode_of_weight_0_is_not_trained_on() -> None:
     assert scope(load_task("parkour", {"sampling.weights.leap": 0.0}))["modes"] == ["jump", "pace"]
     drawn_first = {"sampling.weights.leap": 0.0, "curriculum.weights.leap": 1.0}

@@ -90,7 +90,12 @@ MISTAKES = [
     ("modes.jmp", {"w": 0.3, "h": 0.2}, KeyError, "'modes': unknown mode 'jmp' (allowed: ", "Did you mean 'jump'?"),
     ("modes.jmp", None, KeyError, "'modes': unknown mode 'jmp'", "Did you mean 'jump'?"),
     ("modes.jump", 3, TypeError, "'modes.jump' must be a mapping, found the number 3"),
-    ("modes.jump.hh", 1, KeyError, "mode 'jump' has no parameter 'hh' (allowed: h, run_up, v, w). Did you mean 'h'?"),
+    (
+        "modes.jump.hh",
+        1,
+        KeyError,
+        "mode 'jump' has no parameter 'hh' (allowed: h, lead, run_up, tail, v, w). Did you mean 'h'?",
+    ),
     ("modes.flip", {"r": "front"}, KeyError, "'modes.flip': mode 'flip' needs the parameter 'h'"),
     ("modes.flip", {"r": "fron", "h": 1}, KeyError, "'modes.flip.r' has 'fron' (allowed: ", "Did you mean 'front'?"),
     ("modes.flip", {"r": 1, "h": 1}, TypeError, "'modes.flip.r' must be one or more of the words front, ", "found 1"),
