@@ -68,14 +68,22 @@ def ground_geoms(model: mujoco.MjModel) -> np.ndarray:
 
 
 def geom_extents(data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the greatest coordinates of the boxes around geoms, world frame, shapes (n, 3), m.
+    """The least and the greatest coordinates of geoms, world frame, shapes (n, 3), m.
+
+    A mesh counts by its vertices, any other by the box around it in its own frame.
 
     :param geoms: shape (n,), int
     """
     model, rotation = data.model, data.geom_xmat[geoms].reshape(-1, 3, 3)
     centre = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", rotation, model.geom_aabb[geoms, :3])
     reach = np.einsum("gij,gj->gi", np.abs(rotation), model.geom_aabb[geoms, 3:])
-    return centre - reach, centre + reach
+    low, high = centre - reach, centre + reach
+    for i in np.flatnonzero(model.geom_type[geoms] == int(mujoco.mjtGeom.mjGEOM_MESH)):
+        mesh = model.geom_dataid[geoms[i]]
+        first = model.mesh_vertadr[mesh]
+        points = model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ rotation[i].T + data.geom_xpos[geoms[i]]
+        low[i], high[i] = points.min(axis=0), points.max(axis=0)
+    return low, high
 
 
 def foot_geoms(model: mujoco.MjModel, robot: RobotConfig) -> np.ndarray:

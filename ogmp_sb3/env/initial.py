@@ -127,7 +127,7 @@ def _joint_limits(model: mujoco.MjModel, joints: tuple[str, ...]) -> np.ndarray:
 def depth_in_ground(data: mujoco.MjData, qpos: np.ndarray, terrain: np.ndarray) -> float:
     """How far a robot would have to be raised to touch the ground from above; below 0 for one that is over it.
 
-    What meets the ground counts by the box around it, so this is somewhat too much for round shapes.
+    What meets the ground counts by the box around it, so this is somewhat too much for round shapes (not for meshes).
 
     :param data: of the robot's model, to work in
     :param qpos: shape (nq,)

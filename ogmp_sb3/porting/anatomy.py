@@ -11,7 +11,7 @@ from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.env.ground_contacts import geom_extents
 from ogmp_sb3.env.servos import ONE_AXIS, joint_actuators
 
-HEEL = 0.03  # share of the robot's height: what reaches down about as far as a toe is of the same foot
+HEEL = 0.02  # share of the robot's height: what reaches down about as far as a toe is of the same foot
 LOW = 0.15  # feet are what reaches within this share of the robot's height above its lowest point
 
 
@@ -134,10 +134,7 @@ def _body_name(model: mujoco.MjModel, body: int) -> str:
 
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]) -> float:
-    """How far down what can touch something reaches, m; infinity if nothing of these bodies can.
-
-    Of a mesh, the corners of its box.
-    """
+    """How far down what can touch something reaches, m; infinity if nothing of these bodies can."""
     geoms = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & touching(model))
     low, _ = geom_extents(data, geoms)
     return float(low[:, 2].min(initial=np.inf))

@@ -11,7 +11,7 @@ import pytest
 from helpers.robots import COMPILER, FEET, GEOMS, PUP, TRUNK_SENSOR, variant, with_attributes
 from ogmp_sb3.config.load import load_robot
 from ogmp_sb3.config.robot import RobotConfig
-from ogmp_sb3.env.ground_contacts import body_contact_addresses
+from ogmp_sb3.env.ground_contacts import body_contact_addresses, geom_extents
 from ogmp_sb3.env.robot_check import stand
 from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.env.simulation import Simulation
@@ -172,3 +172,19 @@ def test_the_shipped_robot_brings_all_its_sensors() -> None:
     assert all(names) and len(names) == len(mujoco.MjModel.from_xml_path(str(hector.mjcf_path)).sensor_adr)
     body = [name for name, adr in zip(names, model.sensor_adr, strict=True) if "toe" not in name]
     np.testing.assert_array_equal(body_contact_addresses(model, hector), [model.sensor(name).adr[0] for name in body])
+
+
+def test_a_turned_mesh_reaches_as_far_as_its_vertices_and_not_its_box() -> None:
+    """A diamond, turned until a corner of its box is below."""
+    vertices = "0.1 0 0  -0.1 0 0  0 0.02 0  0 -0.02 0  0 0 0.09  0 0 -0.09"
+    model = mujoco.MjModel.from_xml_string(
+        f'''<mujoco><asset><mesh name="diamond" vertex="{vertices}"/></asset><worldbody>
+        <geom type="mesh" mesh="diamond" pos="1 2 3" euler="0 45 0"/><geom size="0.1" pos="0 0 1"/>
+        </worldbody></mujoco>'''
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    low, high = geom_extents(data, np.arange(2))
+    reach = 0.1 / np.sqrt(2)
+    assert low == pytest.approx(np.array([[1 - reach, 1.98, 3 - reach], [-0.1, -0.1, 0.9]]), abs=1e-6)
+    assert high == pytest.approx(np.array([[1 + reach, 2.02, 3 + reach], [0.1, 0.1, 1.1]]), abs=1e-6)

@@ -155,6 +155,16 @@ def test_a_foot_with_toes_is_one_foot_and_what_nothing_drives_is_said(tmp_path: 
     assert found.anatomy.passive == ("FL_toe",) and found.robot.hold == {}
 
 
+def test_a_shank_whose_box_alone_reaches_down_to_the_sole_is_no_foot(tmp_path: Path) -> None:
+    """A diamond, turned until a corner of its box is below."""
+    vertices = "0.1 0 0  -0.1 0 0  0 0.02 0  0 -0.02 0  0 0 0.09  0 0 -0.09"
+    diamond = f'<mesh name="diamond" vertex="{vertices}"/></asset>'
+    turned = '<geom type="mesh" mesh="diamond" pos="0 0 -0.05" euler="0 0.785398 0" mass="0.01"/>'
+    changes = ("</asset>", diamond), ('<body name="FL_foot"', turned + '<body name="FL_foot"')
+    found = port(changed(PUP, tmp_path, *changes), "pup", tmp_path, Given())
+    assert found.robot.feet == PUP.feet
+
+
 @pytest.mark.parametrize("euler", ["0 0 1.2", "1.2 0 0"])
 def test_how_the_file_turns_the_base_does_not_matter(euler: str, tmp_path: Path) -> None:
     """In a keyframe, where it lies on its side, or turned away from x."""
