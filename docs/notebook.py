@@ -3,7 +3,7 @@
     python docs/notebook.py docs/tutorials/first-policy.md docs/tutorials/first_policy.ipynb
 
 Prose becomes markdown, commands begin with an exclamation mark, pictures that they write are shown, and nothing has
-outputs before it is run.
+outputs before it is run. The first cell installs the package from the clone around the notebook, where it is missing.
 """
 
 from __future__ import annotations
@@ -14,6 +14,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+INSTALL = """import importlib.util
+
+if importlib.util.find_spec("ogmp_sb3") is None:  # installed from the clone that this notebook lies in
+    %pip install --quiet -c ../../constraints.txt "../..[viewer]"
+"""
 FENCE = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -23,7 +28,7 @@ def notebook(page: str) -> dict[str, Any]:
     :param page: markdown; its fenced blocks of ``console`` and ``python`` become code, all others stay text
     """
     parts = FENCE.split(page)  # text, then language, block and text again and again
-    cells = [_cell("markdown", parts[0])]
+    cells = [_cell("code", INSTALL), _cell("markdown", parts[0])]
     for language, block, text in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):
         code = _commands(block) if language == "console" else block
         cells += [_cell("code", code), _cell("markdown", text)]

@@ -19,11 +19,20 @@ from typing import Any
 
 import numba
 
+if sys.platform == "win32":
+    sys.tracebacklimit = 0  # the sentence says it all
+    raise ImportError("ogmp_sb3 needs Linux: on Windows, install it within WSL 2.")
+
 PACKAGE = Path(__file__).parent
 COMPILED = ("env", "guidance", "sb3")  # packages with compiled functions
 PRIVATE = f"ogmp_sb3-{os.getuid()}"  # name of a directory among the temporary files
 FULL = (errno.ENOSPC, errno.EDQUOT)  # of a disk, and of a user's share of it
 NEEDED = 1 << 20  # bytes: room for the machine code of a function, or for a small policy
+
+
+def cpu_count() -> int:
+    """How many CPUs this process may use; on a system that does not tell, how many there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_writable(folder: Path) -> None:

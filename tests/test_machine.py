@@ -17,6 +17,7 @@ from ogmp_sb3.machine import (
     can_write,
     check_writable,
     compiled,
+    cpu_count,
     import_matplotlib,
     keep_compiled_code,
     private_folder,
@@ -177,3 +178,23 @@ def test_matplotlib_keeps_its_fonts_where_there_is_no_home(tmp_path: Path, monke
     monkeypatch.setenv("MPLCONFIGDIR", "mine")
     import_matplotlib()
     assert os.environ["MPLCONFIGDIR"] == "mine"
+
+
+def test_windows_is_one_sentence() -> None:
+    code = (
+        "import gymnasium, numba, torch, stable_baselines3, sys\n"
+        "sys.modules['fcntl'], sys.platform = None, 'win32'\n"
+        "import ogmp_sb3"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.strip() == "ImportError: ogmp_sb3 needs Linux: on Windows, install it within WSL 2."
+
+
+def test_where_the_system_does_not_tell_all_cpus_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cpu_count() == len(os.sched_getaffinity(0))
+    monkeypatch.delattr("os.sched_getaffinity")
+    monkeypatch.setattr("os.cpu_count", lambda: 7)
+    assert cpu_count() == 7
+    monkeypatch.setattr("os.cpu_count", lambda: None)
+    assert cpu_count() == 1

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ogmp_sb3.machine import PACKAGE
+from ogmp_sb3.machine import PACKAGE, cpu_count
 
 CPUS = Path("/proc/cpuinfo")
 BEGAN = "began"  # in the config.yaml of a run
@@ -16,7 +15,7 @@ BEGAN = "began"  # in the config.yaml of a run
 
 def provenance() -> dict[str, str]:
     """Date, machine, and the commit of the code where that is a clone, as text."""
-    count = len(os.sched_getaffinity(0))
+    count = cpu_count()
     machine = f"{_cpu()}, {count} CPU{'s' if count > 1 else ''}, {platform.system()}"
     began = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), "machine": machine}
     commit = code_commit(PACKAGE)

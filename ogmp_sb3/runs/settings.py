@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 from dataclasses import asdict, dataclass
@@ -13,6 +12,7 @@ import torch as th
 
 from ogmp_sb3.config.plugins import loaded_plugins
 from ogmp_sb3.config.strict import check_range
+from ogmp_sb3.machine import cpu_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
@@ -69,7 +69,7 @@ class TrainConfig:
 
 def thread_count(setting: str | int) -> int:
     """A number of threads, ``auto`` meaning one for each CPU this process may use."""
-    return len(os.sched_getaffinity(0)) if setting == "auto" else int(setting)
+    return cpu_count() if setting == "auto" else int(setting)
 
 
 def torch_device(setting: str) -> str:
