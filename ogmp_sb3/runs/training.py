@@ -27,6 +27,7 @@ from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
     CONFIG,
     ENCODER,
+    FAILURE,
     RESUMABLE,
     TRAINER,
     checkpoint_dirs,
@@ -122,6 +123,7 @@ def train(job: Job, resume: bool) -> float:
         job.run_dir.mkdir(parents=True, exist_ok=True)
         with locked(job.run_dir):
             tidy_run(job.run_dir)
+            (job.run_dir / FAILURE).unlink(missing_ok=True)  # of an attempt before
             mean = _train(job, latest_checkpoint(job.run_dir) if resume else None)
     except OSError as error:
         raise ValueError(f"{error.filename or job.run_dir}: {reason(error)}.") from None
