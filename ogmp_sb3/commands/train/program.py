@@ -13,6 +13,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.named_run import named_run
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
@@ -62,7 +63,7 @@ def _fail(run_dir: Path, error: Exception) -> None:
 def _resume(arguments: list[str]) -> None:
     """``ogmp-train resume=<run dir> [total_timesteps=...]``: everything else is as it was."""
     changes = dict(argument.partition("=")[::2] for argument in arguments)
-    run_dir = Path(changes.pop("resume"))
+    run_dir = Path(named_run(PROGRAM, changes.pop("resume"), to_resume=True))
     data = run_config(run_dir)
     if "robot" in changes and (run_dir / ROBOT).is_dir():
         raise KeyError(f"'robot' cannot change when a run is resumed: it goes on with {run_dir / ROBOT}.")
