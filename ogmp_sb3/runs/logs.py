@@ -35,7 +35,7 @@ def say(text: str, stream: TextIO | None = None) -> None:
 
     :param stream: where to print; None: the standard output
     """
-    print(text, file=stream)
+    print(text, file=stream, flush=True)  # also where it goes into a pipe
     LOG.info(text.strip())
 
 
