@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.runs.films import FOLDER as FILMS
 from ogmp_sb3.runs.run_folders import relative
 from ogmp_sb3.runs.settings import TrainConfig, thread_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
@@ -35,6 +36,7 @@ def banner(run_dir: Path, config: TrainConfig, model: RecurrentPPO, overrides: S
         "threads": f"{thread_count(config.physics_threads)} for physics, {thread_count(config.torch_threads)} for the "
         f"networks, which are on {model.device}",
         "time": "said after half a minute of training, by its pace",
+        **({"videos": f"every {config.videos:,} samples into {folder}/{FILMS}"} if config.videos else {}),
         "TensorBoard": f"tensorboard --logdir {shlex.quote(folder)}",
     }
     width = max(map(len, rows))

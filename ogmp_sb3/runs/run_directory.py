@@ -25,7 +25,15 @@ BEST = "best"  # in a run directory: the best policy so far
 CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 MULTIRUN = "multirun.yaml"  # in the directory of a multirun
 # What may change when a run goes on.
-RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads", "device")
+RESUMABLE = (
+    "total_timesteps",
+    "checkpoint_interval",
+    "keep_checkpoints",
+    "torch_threads",
+    "physics_threads",
+    "device",
+    "videos",
+)
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
 CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples

@@ -22,6 +22,8 @@ from ogmp_sb3.runs.banner import banner
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, Pace, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
+from ogmp_sb3.runs.films import FOLDER as FILMS
+from ogmp_sb3.runs.films import Films
 from ogmp_sb3.runs.logs import make_logger, say
 from ogmp_sb3.runs.own_files import check_same_files, with_own_files
 from ogmp_sb3.runs.robot_copy import ROBOT, read_record
@@ -140,7 +142,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     model = make_model(env, config.ppo, config.seed, device=torch_device(config.device))
     origin = {"task": job.task_data, "task_file": task.file, ROBOT: asdict(record), "versions": versions()}
-    callbacks, checkpoints = _callbacks(job, origin)
+    callbacks, checkpoints = _callbacks(job, task, origin)
     progress = ProgressBar(config.total_timesteps)
     checkpoints.model = model
     if checkpoint is not None:
@@ -181,9 +183,10 @@ def _typed_before(run_dir: Path) -> tuple[str, ...]:
     return entry(data, "overrides", tuple[str, ...], Where(str(run_dir / CONFIG)))  # type: ignore[no-any-return]
 
 
-def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
+def _callbacks(job: Job, task: TaskConfig, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
     """What counts and saves in a training, in the order it is called, and the one of them that saves.
 
+    :param task: with the robot and the encoder of the run
     :param origin: plain data for the files: the task, where it is from, the versions
     """
     config, run_dir = job.config, job.run_dir
@@ -193,6 +196,8 @@ def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Ch
     average = PolicyAverage(config.policy_average) if config.policy_average else None
     checkpoints = Checkpoints(run_dir, config, {**origin, "seed": config.seed}, statistics, unstable, average)
     callbacks: list[BaseCallback] = [checkpoints, unstable, statistics]
+    if config.videos is not None:
+        callbacks.append(Films(run_dir / FILMS, task, config.videos, average))
     if average is not None:
         callbacks.insert(0, average)  # a checkpoint has the average with the last update
     return callbacks, checkpoints

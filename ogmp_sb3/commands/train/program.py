@@ -17,7 +17,7 @@ from ogmp_sb3.commands.named_run import named_run
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
-from ogmp_sb3.commands.train.jobs import read_job, warn_of_encoder
+from ogmp_sb3.commands.train.jobs import check_films, read_job, warn_of_encoder
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.start import remove_unused
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
@@ -77,6 +77,7 @@ def _resume(arguments: list[str]) -> None:
     data["train"] = resolved(data["train"], where)
     task = task_from_data({**data["task"], "robot": str(run_robot(run_dir, data))}, Path(data["task_file"]))
     config = read(TrainConfig, data["train"], where)
+    check_films(config)
     resume = bool(checkpoint_dirs(run_dir))
     with transcript(run_dir):
         if not resume:
