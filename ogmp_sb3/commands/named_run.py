@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.config.catalogue import find, names
-from ogmp_sb3.runs.run_names import find_run, is_path_of_run
+from ogmp_sb3.config.catalogue import find
+from ogmp_sb3.runs.run_names import find_run, is_path_of_run, is_policy_name
 
 RUN = "run or checkpoint directory, name of a shipped policy, 'latest', or part of the name of a run below runs/"
 """Help of the key."""
@@ -20,7 +20,7 @@ def named_run(program: str, run: str, to_resume: bool = False) -> str:
     found = find_run(run, to_resume)
     if found != run:
         cli.note(program, f"'{run}' is {found}")
-    elif is_path_of_run(run) and run in names("policy"):
+    elif is_path_of_run(run) and is_policy_name(run):
         shipped = find("policy", run, relative_to=Path("/nowhere"))
         cli.note(program, f"'{run}' is the directory here, not the policy of that name that ships ({shipped.parent})")
     return found

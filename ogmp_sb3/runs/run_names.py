@@ -64,6 +64,11 @@ def is_path_of_run(text: str) -> bool:
     return _is_folder(text) and (is_run(path) or is_file(path / INFO) or (path / CHECKPOINTS).is_dir())
 
 
+def is_policy_name(text: str) -> bool:
+    """Whether a text, which may also be a path, is the name of a policy that ships or that a plug-in brings."""
+    return "/" not in text and text in names("policy")
+
+
 def _is_folder(text: str) -> bool:
     try:
         return bool(text) and Path(text).is_dir()
@@ -92,7 +97,7 @@ def _newest(text: str, folder: Path, to_resume: bool) -> Path:
 
     :param text: how the folder was named
     """
-    if text != LATEST and text in names("policy"):
+    if is_policy_name(text):
         raise ValueError(
             f"'{text}' is a directory here, but neither a run nor a policy, and also the name of a policy that ships: "
             f"write ./{text} for the newest run in it, or {find('policy', text).parent} for that policy."
