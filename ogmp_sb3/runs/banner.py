@@ -5,9 +5,12 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.films import FOLDER as FILMS
+from ogmp_sb3.runs.run_directory import CONFIG, RESUMABLE, entry, run_config
 from ogmp_sb3.runs.run_folders import relative
 from ogmp_sb3.runs.settings import TrainConfig, thread_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
@@ -41,6 +44,16 @@ def banner(run_dir: Path, config: TrainConfig, model: RecurrentPPO, overrides: S
     }
     width = max(map(len, rows))
     return "\n".join([folder, *(f"  {name:<{width}}  {text}" for name, text in rows.items())])
+
+
+def typed_at_first(run_dir: Path) -> tuple[str, ...]:
+    """The command line that a run was begun with, without what may have changed since.
+
+    :raises ValueError: if it cannot be read
+    """
+    data: dict[str, Any] = {"overrides": [], **run_config(run_dir)}
+    overrides: tuple[str, ...] = entry(data, "overrides", tuple[str, ...], Where(str(run_dir / CONFIG)))
+    return tuple(override for override in overrides if override.partition("=")[0].lstrip("+") not in RESUMABLE)
 
 
 def _task(task: TaskConfig) -> str:

@@ -18,7 +18,7 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.atomic import locked, reason
 from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mean_return
-from ogmp_sb3.runs.banner import banner
+from ogmp_sb3.runs.banner import banner, typed_at_first
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, Pace, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
@@ -35,7 +35,6 @@ from ogmp_sb3.runs.run_directory import (
     TRAINER,
     checkpoint_dirs,
     checkpoint_info,
-    entry,
     run_config,
     tidy_run,
 )
@@ -151,7 +150,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
-    say(banner(run_dir, config, model, job.overrides or _typed_before(run_dir)))
+    say(banner(run_dir, config, model, job.overrides or typed_at_first(run_dir)))
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
@@ -172,15 +171,6 @@ def _train(job: Job, checkpoint: Path | None) -> float:
             raise SystemExit(130) from None
     say(f"Trained to step {model.num_timesteps}. To evaluate:  ogmp-eval {shlex.quote(f'run={run_dir}')}")
     return mean_return(model)
-
-
-def _typed_before(run_dir: Path) -> tuple[str, ...]:
-    """The command line that a run was begun with.
-
-    :raises ValueError: if it cannot be read
-    """
-    data: dict[str, Any] = {"overrides": [], **run_config(run_dir)}
-    return entry(data, "overrides", tuple[str, ...], Where(str(run_dir / CONFIG)))  # type: ignore[no-any-return]
 
 
 def _callbacks(job: Job, task: TaskConfig, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:

@@ -11,7 +11,7 @@ from helpers.learners import learner
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.yaml_files import read_yaml
-from ogmp_sb3.runs.banner import banner
+from ogmp_sb3.runs.banner import banner, typed_at_first
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.sb3.hyperparameters import DEFAULTS
 
@@ -48,6 +48,15 @@ def test_the_banner_says_where_what_and_with_how_much(config: TrainConfig, tmp_p
     assert found["threads"] == "1 for physics, 3 for the networks, which are on cpu"
     assert found["TensorBoard"] == "tensorboard --logdir 'runs/a b'"
     assert text.isascii() and "\x1b" not in text
+
+
+def test_a_run_that_goes_on_shows_what_it_was_begun_with(tmp_path: Path) -> None:
+    text = "task: {}\ntask_file: a.yaml\ntrain: {}\noverrides: [task=dive, rho=0.2, total_timesteps=512, +videos=9]\n"
+    (tmp_path / "config.yaml").write_text(text)
+    assert typed_at_first(tmp_path) == ("task=dive", "rho=0.2")
+    (tmp_path / "config.yaml").write_text(text.replace("[task", "3 #"))
+    with pytest.raises(ValueError, match=r"config.yaml: 'overrides' must be a list"):
+        typed_at_first(tmp_path)
 
 
 def test_the_banner_of_a_run_that_goes_on_says_from_where(config: TrainConfig, tmp_path: Path) -> None:
