@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -79,11 +80,12 @@ HELP = cli.usage(
 
 
 def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
-    """References of every mode in the middle of its ranges, by every oracle the task has parameters for."""
+    """References of every mode in the middle of its ranges, by every oracle the task has parameters for.
+
+    A mode has one for each of its words: a flip is another one to the side than to the front.
+    """
     panels = []
-    for name, ranges in task.mode_ranges.items():
-        words = [r.words for r in ranges.values() if r.words]
-        call = ModeCall(name, {key: _middle(range_) for key, range_ in ranges.items()})
+    for call in _middle_calls(task):
         segment = call.segment()
         speed = segment.spans[0].velocity[0]
         duration = segment.length / speed if speed > 0 else LONGEST
@@ -94,14 +96,20 @@ def reference_panels(task: TaskConfig) -> list[tuple[str, np.ndarray, np.ndarray
             oracle: make_oracle(replace(task, oracle=oracle))(points, x0).state[0]
             for oracle in sorted({*task.oracle_params, task.oracle})
         }
-        numbers = ", ".join(f"{key} {value:g}" for key, value in call.parameters.items() if not isinstance(value, str))
-        title = f"{name} ({', '.join([*(w[0] for w in words), numbers])})" if ranges else name
+        texts = [value if isinstance(value, str) else f"{key} {value:g}" for key, value in call.parameters.items()]
+        title = f"{call.name} ({', '.join(texts)})" if texts else call.name
         panels.append((title, points.stance[0], points.state[0], references))
     return panels
 
 
-def _middle(range_: Range) -> float | str:
-    return range_.words[0] if range_.words else 0.5 * (range_.low + range_.high)
+def _middle_calls(task: TaskConfig) -> Iterator[ModeCall]:
+    """Every mode in the middle of its ranges, with each of its words."""
+    for name, ranges in task.mode_ranges.items():
+        values: list[tuple[float | str, ...]] = [
+            range_.words or (0.5 * (range_.low + range_.high),) for range_ in ranges.values()
+        ]
+        for chosen in itertools.product(*values):
+            yield ModeCall(name, dict(zip(ranges, chosen, strict=True)))
 
 
 def mirror_image(robot: RobotConfig, model: mujoco.MjModel, find: Callable[[], Mirror]) -> str:

@@ -112,13 +112,16 @@ def option(help_text: str, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"help": help_text})
 
 
-def run(program: str, help_text: str | Callable[[], str], body: Callable[[list[str]], None]) -> None:
+def run(
+    program: str, help_text: str | Callable[[], str], body: Callable[[list[str]], None], alone: bool = False
+) -> None:
     """Run a program: help on demand, and a user's mistake is one sentence and exit code 2.
 
     :param help_text: what ``--help`` prints, or what makes it
+    :param alone: whether the program does something without arguments, too
     """
     arguments = sys.argv[1:]
-    if not arguments or any(a in ("-h", "--help", "help") for a in arguments):
+    if (not arguments and not alone) or any(a in ("-h", "--help", "help") for a in arguments):
         text = help_text() if callable(help_text) else help_text
         print(f"{text}\n", end="")  # in one write, so that `| head` breaks no pipe
         return

@@ -9,6 +9,7 @@ from typing import Literal
 from rich.console import Console
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.named_run import RUN, named_run
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.scenes import task_for_test
 from ogmp_sb3.config.task import TaskConfig
@@ -114,7 +115,7 @@ ANALYSES = (
 class EvalConfig:
     """Keys of the command line."""
 
-    run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
+    run: str = cli.option(RUN)
     episodes: int | None = cli.option(
         f"how many episodes; null: {METRICS.episodes}, and {CELL_EPISODES} for each cell of a grid", None
     )
@@ -220,9 +221,10 @@ def protocol_task(trained: TaskConfig, config: EvalConfig) -> TaskConfig:
 
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(EvalConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    loaded = load_policy(config.run, config.trust, config.task, config.robot)
+    run = named_run(PROGRAM, config.run)
+    loaded = load_policy(run, config.trust, config.task, config.robot)
     analysis, request = config.analysis, _request(config, loaded, overrides)
-    out = Path(config.out) if config.out else default_out(config.run, loaded.name, "evaluation")
+    out = Path(config.out) if config.out else default_out(run, loaded.name, "evaluation")
     cli.check_out(out)
     with steps_bar(analysis.sets(request) * request.episodes * request.task.episode_steps) as bar:
         result = analysis.measure(request, bar.update)

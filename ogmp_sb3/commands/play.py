@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.named_run import RUN, named_run
 from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
@@ -26,7 +27,7 @@ PROGRAM = "ogmp-play"
 class PlayConfig:
     """Keys of the command line."""
 
-    run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
+    run: str | None = cli.option(RUN, None)
     task: str | None = cli.option("instead of a run, a task: only its oracle plays; or that of an SB3 .zip", None)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     seed: int = cli.option("of the modes that are drawn", 0)
@@ -89,6 +90,8 @@ def _run(arguments: list[str]) -> None:
     if path is not None:
         check_suffix(path)
     cli.require("viewer", *(("viser",) if path is None else ("PIL", "imageio_ffmpeg")))
+    if config.run is not None:  # the same one for as long as it plays
+        config = replace(config, run=named_run(PROGRAM, config.run))
 
     def load_player(overrides: list[str]) -> Player:
         return Player(*load(config, overrides), config.seed)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.named_run import RUN, named_run
 from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import read_value
@@ -24,9 +25,9 @@ from ogmp_sb3.report.page import Section, write_page
 from ogmp_sb3.report.panels import shown, sweep_of
 from ogmp_sb3.report.seeds_section import seed_groups, seeds
 from ogmp_sb3.runs.callbacks import steps_bar
-from ogmp_sb3.runs.multirun import MULTIRUN, read_runs, read_sweep
+from ogmp_sb3.runs.multirun import read_runs, read_sweep
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import CONFIG, Run, default_out, owner, read_run
+from ogmp_sb3.runs.run_directory import CONFIG, MULTIRUN, Run, default_out, owner, read_run
 
 PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20
@@ -51,7 +52,7 @@ SWEEP_ONLY = ("policy",)
 class ReportConfig:
     """Keys of the command line."""
 
-    run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
+    run: str | None = cli.option(RUN, None)
     sweep: str | None = cli.option("directory of a multirun (ogmp-train -m); either this or 'run'", None)
     runs: str | None = cli.option("or run directories to compare: a,b, or a pattern with *", None)
     out: str | None = cli.option("directory for the page; null: <run or sweep>/report; of 'runs', report/runs", None)
@@ -134,6 +135,7 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     folder = Path(name)
     if (folder / MULTIRUN).is_file():
         raise ValueError(f"'{name}' is a multirun: give it as sweep={name}.")
+    name = named_run(PROGRAM, name)
     loaded, home = load_policy(name, config.trust, config.task, config.robot), owner(name)
     run = read_run(home) if home and (home / CONFIG).is_file() else None
     out = Path(config.out) if config.out else default_out(name, loaded.name, "report")

@@ -5,17 +5,21 @@ from __future__ import annotations
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from ogmp_sb3.config.messages import Where, describe
 
+Data = TypeVar("Data", dict[str, Any], list[Any])
+
 WHOLE = ("bound",)
 """Keys of a task file at which a mapping, given by an override, replaces the one that was there: a state that it does
 not name has weight 0, whatever the file says. All other mappings merge."""
+SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, if it was built
 # PyYAML raises the last three on a tag that does not fit its value, such as `!!bool maybe`.
 UNREADABLE = (YAMLError, OmegaConfBaseException, OSError, ValueError, LookupError, AttributeError, TypeError)
 
@@ -36,6 +40,23 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ValueError(f"{path}: expected a mapping at the top, found {describe(data)}.")
     return typing.cast(dict[str, Any], data)
+
+
+def read_yaml_quickly(path: Path, kind: type[Data]) -> Data:
+    """Read a YAML file that a program of ours wrote, in a twentieth of the time and with fewer checks.
+
+    :param kind: ``dict`` or ``list``, as what is expected at its top; of a file that is not there, an empty one
+    :raises ValueError: if the file cannot be read, or holds another kind
+    """
+    try:
+        data = yaml.load(path.read_bytes(), SAFE_LOADER)
+    except FileNotFoundError:
+        return kind()
+    except (*UNREADABLE, RecursionError) as error:
+        raise ValueError(f"{path}: not readable as YAML ({' '.join(str(error).split())}).") from None
+    if not isinstance(data, kind):
+        raise ValueError(f"{path}: expected a {'mapping' if kind is dict else 'list'}, found {describe(data)}.")
+    return data
 
 
 def read_value(text: str) -> Any:

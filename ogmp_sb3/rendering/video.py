@@ -53,7 +53,11 @@ def _stride(frames: int, path: Path) -> int:
 
 
 def write_video(
-    frames: list[Frame], task: TaskConfig, path: str | Path, progress: Callable[[int], object] | None = None
+    frames: list[Frame],
+    task: TaskConfig,
+    path: str | Path,
+    progress: Callable[[int], object] | None = None,
+    kind: Format | None = None,
 ) -> None:
     """Draw frames and write them to a file.
 
@@ -61,11 +65,12 @@ def write_video(
     :param task: their task
     :param path: ``.mp4``, ``.gif``, or ``.png`` for a strip of pictures
     :param progress: called with the number of pictures that have just been drawn
+    :param kind: size and stride; None: those of the ending
     :raises ValueError: for another ending, or if there is no OpenGL
     """
     path = Path(path)
     check_suffix(path)
-    kind, stride = FORMATS[path.suffix], _stride(len(frames), path)
+    kind, stride = kind or FORMATS[path.suffix], kind.stride if kind else _stride(len(frames), path)
     terrain, frames = whole_terrain(frames)[::stride], frames[::stride]
     period = stride * task.control_dt
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from tqdm import tqdm
 
 from ogmp_sb3.env.failed_step import UnstableStep
 from ogmp_sb3.runs.failed_steps import MOST, save_step
-from ogmp_sb3.runs.logs import warn_of
+from ogmp_sb3.runs.logs import say, warn_of
+
+TIMED = 30.0  # s of training by which the time that it takes is estimated
 
 
 def progress_bar(total: int, unit: str, done: int = 0) -> Any:
@@ -140,6 +143,47 @@ class UnstableSteps(BaseCallback):
             text = f"A simulation failed at step {self.num_timesteps}: its episode ended, the others go on."
             warnings.warn(f"{text} To see why:  ogmp-check unstable={file}", stacklevel=2)
         self._said = True
+
+
+class Pace(BaseCallback):
+    """Says once how long the rest will take, by the pace of the first updates.
+
+    The first update is not counted, for code is compiled and threads are started in it. What follows may be slower or
+    faster: a better policy falls less, and other programs come and go.
+
+    :param total: samples of the whole run
+    """
+
+    def __init__(self, total: int) -> None:
+        super().__init__()
+        self.total = total
+        self._rollouts = 0
+        self._from: tuple[float, int] | None = None  # time (s) and samples that are counted from
+
+    def _on_rollout_start(self) -> None:
+        self._rollouts += 1
+        if self._rollouts == 2:
+            self._from = time.monotonic(), self.num_timesteps
+        elif self._from is not None:
+            seconds, samples = time.monotonic() - self._from[0], self.num_timesteps - self._from[1]
+            if seconds >= TIMED:
+                self._from = None
+                with tqdm.external_write_mode():
+                    say(pace_text(samples / seconds, self.total - self.num_timesteps))
+
+    def _on_step(self) -> bool:
+        return True
+
+
+def pace_text(pace: float, remaining: int) -> str:
+    """How long the rest of a training takes.
+
+    :param pace: samples per second
+    :param remaining: samples
+    """
+    minutes = round(remaining / pace / 60.0)
+    left = f"{minutes // 60} h {minutes % 60:02} min" if minutes >= 60 else f"{minutes} min" if minutes else "a minute"
+    return f"{pace:,.0f} samples/s so far: about {left} for the other {remaining:,}, if the pace stays so."
 
 
 class ProgressBar(BaseCallback):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import logging
+import math
 import os
 import socket
 import time
@@ -24,6 +25,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from ogmp_sb3.runs.atomic import naming, reason, replacing
 
 STEP_COLUMN = "time/total_timesteps"
+LAST_BYTES = 8_192  # of a progress.csv that its last rows are looked for in: some fifteen
 TRANSCRIPT = "train.log"  # in a run directory: what was said
 LOG = logging.getLogger("ogmp_sb3")
 
@@ -33,7 +35,7 @@ def say(text: str, stream: TextIO | None = None) -> None:
 
     :param stream: where to print; None: the standard output
     """
-    print(text, file=stream)
+    print(text, file=stream, flush=True)  # also where it goes into a pipe
     LOG.info(text.strip())
 
 
@@ -83,19 +85,51 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
     :raises ValueError: if it holds anything but numbers
     """
+    with _a_log(path):
+        return _rows(path.read_text(encoding="utf-8"))
+
+
+def last_rows(path: Path) -> list[dict[str, str]]:
+    """The last rows of a ``progress.csv``, without reading the others.
+
+    :raises ValueError: if these hold anything but numbers
+    """
+    with _a_log(path), path.open("rb") as file:
+        header = file.readline()
+        behind = max(file.seek(0, os.SEEK_END) - LAST_BYTES, len(header))
+        file.seek(behind)
+        if behind > len(header):
+            file.readline()  # the end of a row
+        return _rows((header + file.read()).decode("utf-8"))
+
+
+def _rows(text: str) -> list[dict[str, str]]:
+    """The rows of a log, of which the last one may not be whole.
+
+    :raises LookupError: if there is no column of samples
+    :raises ValueError: if a cell is no number
+    """
+    lines = text.splitlines()
+    reader = csv.DictReader(lines if text.endswith("\n") else lines[:-1])
+    if (text.strip() or not text) and STEP_COLUMN not in (reader.fieldnames or ()):
+        raise KeyError(STEP_COLUMN)
+    rows = list(reader)
+    for row in rows:
+        for cell in row.values():
+            float(cell or "nan")
+    rows = [row for row in rows if row[STEP_COLUMN]]
+    if not all(math.isfinite(float(row[STEP_COLUMN])) for row in rows):
+        raise ValueError(STEP_COLUMN)
+    return rows
+
+
+@contextmanager
+def _a_log(path: Path) -> Iterator[None]:
+    """:raises ValueError: with a sentence, if what is read in the body is no log."""
     try:
-        text = path.read_text(encoding="utf-8")
-        lines = text.splitlines()
-        reader = csv.DictReader(lines if text.endswith("\n") else lines[:-1])
-        if (text.strip() or not text) and STEP_COLUMN not in (reader.fieldnames or ()):
-            raise KeyError(STEP_COLUMN)
-        rows = list(reader)
-        for row in rows:
-            for cell in row.values():
-                float(cell or "nan")
+        yield
     except (csv.Error, OSError, ValueError, KeyError, TypeError):
         raise ValueError(f"{path}: not readable as a log of numbers; without that file, a new one is begun.") from None
-    return [row for row in rows if row[STEP_COLUMN]]
 
 
 class CsvWriter(KVWriter):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,14 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
-from ogmp_sb3.config.yaml_files import read_yaml
+from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.yaml_files import read_yaml_quickly
 from ogmp_sb3.runs.robot_copy import ROBOT
-from ogmp_sb3.runs.run_directory import CONFIG, OVERRIDES, RESUMABLE, Run, read_overrides, read_run
+from ogmp_sb3.runs.run_directory import CONFIG, MULTIRUN, OVERRIDES, RESUMABLE, Run, entry, read_overrides, read_run
+from ogmp_sb3.runs.run_folders import run_folders
 
 SEED, DESCRIPTION = "seed", "description"  # keys: of a training; of a task, and no setting
 MISSING, DAMAGED = "missing", "damaged"
-MULTIRUN = "multirun.yaml"
 SWEEPERS = (BasicSweeper.__name__, "HalvingSweeper")  # whose command line says which jobs there are
 
 
@@ -29,7 +30,7 @@ def read_sweep(path: Path, asked: bool = False) -> list[Run]:
     :raises ValueError: if it holds no job
     """
     jobs = [_read_job(folder) for folder in _job_folders(path)]
-    wanted = {_identity(job): job for job in _wanted(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
+    wanted = {_identity(job): job for job in wanted_jobs(path / MULTIRUN)} if (path / MULTIRUN).is_file() else {}
     present = {_identity(job.overrides) for job in jobs}
     if asked and wanted:
         jobs = [job for job in jobs if _identity(job.overrides) in wanted]
@@ -38,6 +39,16 @@ def read_sweep(path: Path, asked: bool = False) -> list[Run]:
         raise ValueError(f"{path}: holds no job of a multirun (a directory with {CONFIG}).")
     order = {job: i for i, job in enumerate(wanted)}
     return sorted(jobs, key=lambda job: order.get(_identity(job.overrides), len(order)))
+
+
+def count_missing(sweep: Path, jobs: Iterable[tuple[str, ...]]) -> int:
+    """How many jobs a multirun asked for that are not there (yet).
+
+    :param sweep: its directory
+    :param jobs: the command lines of those that are
+    :raises ValueError: if its file cannot be read
+    """
+    return len({_identity(job) for job in wanted_jobs(sweep / MULTIRUN)} - {_identity(job) for job in jobs})
 
 
 def read_runs(paths: list[Path]) -> list[Run]:
@@ -66,13 +77,9 @@ def _read_job(path: Path) -> Run:
         return Run(path, overrides, {}, {}, DAMAGED, str(error))
 
 
-def _job_folders(path: Path) -> Iterator[Path]:
+def _job_folders(path: Path) -> list[Path]:
     """Directories of jobs, at any depth: a value with a slash makes one within another. Multiruns within are left."""
-    for folder in sorted(p for p in path.iterdir() if p.is_dir() and not (p / MULTIRUN).is_file()):
-        if (folder / CONFIG).is_file() or (folder / OVERRIDES).is_file():
-            yield folder
-        elif not (folder.is_symlink() or folder.name.startswith(".")):
-            yield from _job_folders(folder)
+    return [run.path for run in run_folders(path) if run.sweep in (None, path)]
 
 
 def _identity(overrides: tuple[str, ...]) -> frozenset[str]:
@@ -139,9 +146,13 @@ def _differing(settings: list[dict[str, str]]) -> list[str]:
     return [key for key in keys if len({each.get(key) for each in settings}) > 1]
 
 
-def _wanted(path: Path) -> list[tuple[str, ...]]:
-    """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went."""
-    hydra = read_yaml(path).get("hydra", {})
+def wanted_jobs(path: Path) -> list[tuple[str, ...]]:
+    """The command lines of all jobs that a multirun asked for; none if a sweeper chose them as it went.
+
+    :param path: its ``multirun.yaml``
+    :raises ValueError: if it cannot be read
+    """
+    hydra = entry({"hydra": {}, **read_yaml_quickly(path, dict)}, "hydra", dict[str, Any], Where(str(path)))
     sweeper = hydra.get("sweeper", {})
     if not str(sweeper.get("_target_", "")).endswith(SWEEPERS):
         return []

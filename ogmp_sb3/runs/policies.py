@@ -24,6 +24,8 @@ from ogmp_sb3.guidance.latent import changed_file, encoder_dir
 from ogmp_sb3.runs.checkpoint import FORMAT, latest_checkpoint, policy_weights, put_weights
 from ogmp_sb3.runs.robot_copy import original, read_record, task_robot, warn_of_changes
 from ogmp_sb3.runs.run_directory import CHECKPOINTS, CONFIG, ENCODER, INFO, WEIGHTS
+from ogmp_sb3.runs.run_folders import is_run
+from ogmp_sb3.runs.run_names import find_run
 from ogmp_sb3.runs.sb3_zip import load_zip
 from ogmp_sb3.runs.storage import MANIFEST, check_shapes, load_json, verify
 from ogmp_sb3.sb3.policy import LstmPolicy, policy_kwargs
@@ -74,7 +76,7 @@ class LoadedPolicy:
 def load_policy(
     run: str | Path, trust: bool = False, task: str | None = None, robot: str | Path | None = None
 ) -> LoadedPolicy:
-    """Load a policy by name, or by the directory of a policy, a checkpoint or a run.
+    """Load a policy by name (:mod:`~ogmp_sb3.runs.run_names`), or by the directory of a policy, a checkpoint or a run.
 
     Its robot is the copy that the run or the policy has of it; one sentence warns if the original has changed since.
 
@@ -173,17 +175,16 @@ def _imported(file: Path, trust: bool, task: str | None, robot: Path | None) -> 
 
 
 def policy_dir(run: str | Path) -> Path:
-    """The directory that holds ``policy.json``: a directory that is there, or else that of a policy by name.
+    """The directory that holds ``policy.json``: that of a policy, or of the latest checkpoint of a run.
 
+    :param run: a path or a name, as :mod:`~ogmp_sb3.runs.run_names` has it
     :raises KeyError: if there is none
+    :raises ValueError: if the name is that of several
     """
-    path = Path(run)
-    if not (path / INFO).is_file():
-        if (path / CHECKPOINTS).is_dir():
-            return latest_checkpoint(path)
-        if path.is_dir():
-            raise KeyError(f"'{run}' is a directory here, but neither a run nor a policy.")
-    return find("policy", run).parent
+    path = Path(find_run(str(run)))
+    if not (path / INFO).is_file() and (is_run(path) or (path / CHECKPOINTS).is_dir()):
+        return latest_checkpoint(path)
+    return find("policy", path).parent
 
 
 @dataclass(frozen=True, kw_only=True)

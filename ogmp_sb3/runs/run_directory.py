@@ -24,8 +24,17 @@ from ogmp_sb3.runs.storage import load_json
 
 BEST = "best"  # in a run directory: the best policy so far
 CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
+MULTIRUN = "multirun.yaml"  # in the directory of a multirun
 # What may change when a run goes on.
-RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads", "device")
+RESUMABLE = (
+    "total_timesteps",
+    "checkpoint_interval",
+    "keep_checkpoints",
+    "torch_threads",
+    "physics_threads",
+    "device",
+    "videos",
+)
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
 ELAPSED = "time/time_elapsed"  # column of the log: s since the training began, or went on
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
@@ -51,8 +60,9 @@ class Run:
     log: dict[str, np.ndarray]
     """``progress.csv`` by column, each of shape (rows,); nan where a cell is empty"""
     state: str
-    """finished: all samples; running: a process trains there; stopped: has a checkpoint to go on from; failed: has
-    none; missing: was never started, or has gone; damaged: has a file that cannot be read"""
+    """finished: all samples; running: a process trains there; failed: ended by a mistake, or before its first
+    checkpoint; stopped: has a checkpoint to go on from; missing: was never started, or has gone; damaged: has a file
+    that cannot be read"""
     problem: str = ""
     """a sentence on why it is damaged, or failed"""
 
@@ -132,7 +142,8 @@ def read_run(path: Path) -> Run:
         overrides = read_overrides(path / OVERRIDES)
     log = read_log(path / LOG) if (path / LOG).is_file() else {}
     problem = (path / FAILURE).read_text("utf-8", "replace") if (path / FAILURE).is_file() else ""
-    return Run(path, overrides, config, log, _state(path, config, log), problem)
+    total = config.get("train", {}).get("total_timesteps")
+    return Run(path, overrides, config, log, run_state(path, total, _samples(path, log)), problem)
 
 
 def read_log(path: Path) -> dict[str, np.ndarray]:
@@ -156,18 +167,28 @@ def read_overrides(path: Path) -> tuple[str, ...]:
 
 
 def _samples(path: Path, log: dict[str, np.ndarray]) -> int:
-    logged = int(log[STEP_COLUMN][-1]) if log else 0
-    saved = [int(folder.name) for folder in checkpoint_dirs(path)]
-    return max([logged, *saved])
+    return samples_so_far(path, float(log[STEP_COLUMN][-1]) if log else 0.0)
 
 
-def _state(path: Path, config: dict[str, Any], log: dict[str, np.ndarray]) -> str:
-    total = config.get("train", {}).get("total_timesteps")
-    if total is not None and _samples(path, log) >= total:
+def samples_so_far(path: Path, logged: float) -> int:
+    """Samples of a run so far.
+
+    :param logged: those of the last row of its log
+    """
+    return max([int(logged), *(int(folder.name) for folder in checkpoint_dirs(path))])
+
+
+def run_state(path: Path, total: int | None, samples: int) -> str:
+    """The state of a run whose files can be read, as :attr:`Run.state` has it.
+
+    :param total: samples of the whole run; None: it was not begun
+    :param samples: so far
+    """
+    if total is not None and samples >= total:
         return FINISHED
     if occupied(path):
         return RUNNING
-    return STOPPED if checkpoint_dirs(path) else FAILED
+    return FAILED if (path / FAILURE).is_file() or not checkpoint_dirs(path) else STOPPED
 
 
 def entry(data: dict[str, Any], key: str, kind: Any, where: Where) -> Any:

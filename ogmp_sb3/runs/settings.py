@@ -45,6 +45,8 @@ class TrainConfig:
     """the learner"""
     device: str = "cpu"
     """where the networks are: cpu, cuda, cuda:<number>, or auto (a CUDA device if there is one)"""
+    videos: int | None = None
+    """samples between short videos of the policy in the run's videos/, which need the extra viewer; null: none"""
 
     def __post_init__(self) -> None:
         for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
@@ -52,6 +54,8 @@ class TrainConfig:
                 raise ValueError(f"'{name}' must be at least 1, found {getattr(self, name)}.")
         if self.policy_average is not None and self.policy_average < 1:
             raise ValueError(f"'policy_average' must be at least 1 or null, found {self.policy_average}.")
+        if self.videos is not None and self.videos < 1:
+            raise ValueError(f"'videos' must be at least 1 or null, found {self.videos}.")
         check_range("seed", self.seed, 0, MAX_SEED)
         if self.ppo.n_steps * self.num_envs < 2:
             raise ValueError("'ppo.n_steps' and 'num_envs' are 1: one sample is too few to learn from.")

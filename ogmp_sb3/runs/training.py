@@ -18,9 +18,12 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.atomic import locked, reason
 from ogmp_sb3.runs.autosave import Checkpoints, StopTraining, complete_best, mean_return
-from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, UnstableSteps
+from ogmp_sb3.runs.banner import banner, typed_at_first
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, Pace, ProgressBar, UnstableSteps
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
+from ogmp_sb3.runs.films import FOLDER as FILMS
+from ogmp_sb3.runs.films import Films
 from ogmp_sb3.runs.logs import make_logger, say
 from ogmp_sb3.runs.own_files import check_same_files, with_own_files
 from ogmp_sb3.runs.provenance import BEGAN, provenance
@@ -28,6 +31,7 @@ from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
     CONFIG,
     ENCODER,
+    FAILURE,
     RESUMABLE,
     TRAINER,
     checkpoint_dirs,
@@ -123,6 +127,7 @@ def train(job: Job, resume: bool) -> float:
         job.run_dir.mkdir(parents=True, exist_ok=True)
         with locked(job.run_dir):
             tidy_run(job.run_dir)
+            (job.run_dir / FAILURE).unlink(missing_ok=True)  # of an attempt before
             mean = _train(job, latest_checkpoint(job.run_dir) if resume else None)
     except OSError as error:
         raise ValueError(f"{error.filename or job.run_dir}: {reason(error)}.") from None
@@ -137,7 +142,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     env = OgmpVecEnv(task, config.num_envs, config.seed, thread_count(config.physics_threads))
     model = make_model(env, config.ppo, config.seed, device=torch_device(config.device))
     origin = {"task": job.task_data, "task_file": task.file, ROBOT: asdict(record), "versions": versions()}
-    callbacks, checkpoints = _callbacks(job, origin)
+    callbacks, checkpoints = _callbacks(job, task, origin)
     progress = ProgressBar(config.total_timesteps)
     checkpoints.model = model
     if checkpoint is not None:
@@ -148,6 +153,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
+    say(banner(run_dir, config, model, job.overrides or typed_at_first(run_dir)))
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
@@ -156,7 +162,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
             if remaining > 0:
                 model.learn(
                     remaining,
-                    callback=CallbackList([*callbacks, progress]),
+                    callback=CallbackList([*callbacks, Pace(config.total_timesteps), progress]),
                     log_interval=NEVER,
                     reset_num_timesteps=False,
                 )
@@ -170,9 +176,10 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     return mean_return(model)
 
 
-def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
+def _callbacks(job: Job, task: TaskConfig, origin: dict[str, Any]) -> tuple[list[BaseCallback], Checkpoints]:
     """What counts and saves in a training, in the order it is called, and the one of them that saves.
 
+    :param task: with the robot and the encoder of the run
     :param origin: plain data for the files: the task, where it is from, the versions
     """
     config, run_dir = job.config, job.run_dir
@@ -182,6 +189,8 @@ def _callbacks(job: Job, origin: dict[str, Any]) -> tuple[list[BaseCallback], Ch
     average = PolicyAverage(config.policy_average) if config.policy_average else None
     checkpoints = Checkpoints(run_dir, config, {**origin, "seed": config.seed}, statistics, unstable, average)
     callbacks: list[BaseCallback] = [checkpoints, unstable, statistics]
+    if config.videos is not None:
+        callbacks.append(Films(run_dir / FILMS, task, config.videos, average))
     if average is not None:
         callbacks.insert(0, average)  # a checkpoint has the average with the last update
     return callbacks, checkpoints

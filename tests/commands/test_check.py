@@ -27,6 +27,15 @@ def test_every_oracle_has_a_reference_for_every_mode_also_at_rest() -> None:
     assert np.ptp(panels["jump"][1][:, 5]) > 0.2  # the block of 0.275 m
 
 
+def test_a_flip_has_a_reference_in_each_direction_and_only_a_flip_to_the_side_rolls() -> None:
+    panels = {title: panel for title, *panel in reference_panels(load_task("dive"))}
+    flips = [f"flip ({word}, h 1.375)" for word in ("front", "back", "left", "right")]
+    assert list(panels) == [*flips, "settle"]
+    turned = {title: np.round(panels[title][1][-1, :3] / (2 * np.pi)).tolist() for title in flips}
+    turns = [[0, 1, 0], [0, -1, 0], [-1, 0, 0], [1, 0, 0]]  # roll, pitch, yaw; front is nose down
+    assert list(turned.values()) == turns
+
+
 def test_a_robot_in_the_air_is_told_its_height(tmp_path: Path) -> None:
     folder = shutil.copytree(TASKS_DIR.parent / "robots" / "hector", tmp_path / "tall")
     text = (folder / "robot.yaml").read_text(encoding="utf-8")

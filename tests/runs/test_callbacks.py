@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar, progress_bar, steps_bar
+from ogmp_sb3.runs.callbacks import EpisodeStatistics, Pace, ProgressBar, pace_text, progress_bar, steps_bar
 
 
 class Logged:
@@ -123,3 +123,35 @@ def test_there_is_no_bar_where_nothing_is_played(capsys: pytest.CaptureFixture[s
     with steps_bar(0, "evaluation"):
         pass
     assert capsys.readouterr().err == ""
+
+
+def test_the_rest_of_a_training_is_estimated_once_without_its_first_update(monkeypatch, capsys) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("ogmp_sb3.runs.callbacks.time.monotonic", lambda: clock[0])
+    pace = Pace(total=10_000_000)
+    said = []
+    for samples in range(0, 400_000, 10_000):
+        pace.num_timesteps = 50_000 + samples  # of a run that goes on
+        pace._on_rollout_start()
+        said.append(capsys.readouterr().out)
+        clock[0] += 100.0 if samples == 0 else 5.0  # the first update compiles
+    (text,) = filter(None, said)
+    assert said.index(text) == 7  # the first update, then six of five seconds each
+    remaining = 10_000_000 - 50_000 - 70_000
+    assert text == f"2,000 samples/s so far: about 1 h 22 min for the other {remaining:,}, if the pace stays so.\n"
+    assert round(remaining / 2000 / 60) == 82
+
+
+@pytest.mark.parametrize(
+    ("pace", "remaining", "text"),
+    [(1000.0, 20_000, "about a minute"), (1000.0, 120_000, "about 2 min"), (1000.0, 3_600_000, "about 1 h 00 min")],
+)
+def test_the_time_left_is_in_hours_and_minutes(pace: float, remaining: int, text: str) -> None:
+    assert text in pace_text(pace, remaining)
+
+
+def test_a_training_of_seconds_says_no_time(capsys) -> None:
+    pace = Pace(total=100)
+    for _ in range(5):
+        pace._on_rollout_start()
+    assert capsys.readouterr().out == ""

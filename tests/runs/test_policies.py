@@ -24,12 +24,13 @@ from ogmp_sb3.runs.storage import load_json, save_json, write_manifest
         ("../policies/parkour", "is neither a run directory nor a shipped policy"),
         ("", "'' is a directory here, but neither a run nor a policy"),
         ("parkour", "'parkour' is a directory here, but neither a run nor a policy"),  # not the shipped one
+        ("./parkour", "'./parkour' is a directory here, but neither a run nor a policy, and no run is below it"),
     ],
 )
 def test_a_name_that_is_no_policy_is_a_sentence(name: str, sentence: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "parkour" / "2026-01-31_12-00-00").mkdir(parents=True)
-    with pytest.raises(KeyError, match=sentence):
+    with pytest.raises((KeyError, ValueError), match=sentence):
         policy_dir(name)
 
 

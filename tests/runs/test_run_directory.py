@@ -56,6 +56,22 @@ def test_a_log_that_is_none_is_a_sentence(tmp_path: Path) -> None:
         read_log(tmp_path / "progress.csv")
 
 
+@pytest.mark.parametrize("samples", ["nan", "inf", "1e999"])
+def test_a_log_whose_samples_are_no_number_is_a_sentence(samples: str, tmp_path: Path) -> None:
+    path = make_run(tmp_path / "run", [], steps=300)
+    with (path / "progress.csv").open("a") as file:
+        file.write(f"{samples},1.0\n")
+    with pytest.raises(ValueError, match=r"progress.csv: not readable as a log of numbers"):
+        read_run(path)
+
+
+def test_a_job_whose_last_attempt_failed_has_failed_though_it_has_a_checkpoint(tmp_path: Path) -> None:
+    path = make_run(tmp_path / "run", [], steps=300, checkpoint=256)
+    assert read_run(path).state == "stopped"
+    (path / FAILURE).write_text("the disk was full")
+    assert read_run(path).state == "failed"
+
+
 def test_the_final_value_is_the_mean_of_the_last_rows(tmp_path: Path) -> None:
     run = read_run(make_run(tmp_path / "run", [], steps=1000))
     assert run.final("episode/return") == np.mean([600, 700, 800, 900, 1000])
@@ -71,7 +87,8 @@ def test_the_time_of_a_training_leaves_out_pauses_and_what_was_trained_again(tmp
 
 
 @pytest.mark.parametrize(
-    ("samples", "text"), [(0, "0"), (512, "512"), (30_000, "30.0k"), (1_563_648, "1.56M"), (16_001_024, "16.0M")]
+    ("samples", "text"),
+    [(0, "0"), (512, "512"), (30_000, "30.0k"), (999_949, "1.00M"), (1_563_648, "1.56M"), (16_001_024, "16.0M")],
 )
 def test_samples_are_written_as_people_say_them(samples: int, text: str) -> None:
     assert samples_text(samples) == text

@@ -21,6 +21,7 @@ from ogmp_sb3.commands.bench.scaling import bench_scaling
 from ogmp_sb3.commands.bench.simulation import bench_sim
 from ogmp_sb3.commands.bench.timing import Numbers
 from ogmp_sb3.commands.bench.training import bench_train
+from ogmp_sb3.commands.named_run import named_run
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.scenes import TRAINING_ONLY, task_for_test
@@ -175,7 +176,8 @@ def _measured(config: BenchConfig, given: list[str]) -> tuple[Numbers, str]:
     recipe = _recipe([key.removeprefix(PPO) for key in given if key.startswith(PPO)])
     policy: LstmPolicy | None = None
     if config.run:
-        loaded = load_policy(config.run, config.trust, config.task, config.robot)
+        run = named_run(PROGRAM, config.run)
+        loaded = load_policy(run, config.trust, config.task, config.robot)
         policy = loaded.policy
         task = task_for_test(loaded.task_data, loaded.task_path, overrides, None, PROGRAM, TRAINING_ONLY)
     else:

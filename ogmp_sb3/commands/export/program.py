@@ -19,6 +19,7 @@ from ogmp_sb3.commands.export.bundle import (
     export,
     parity,
 )
+from ogmp_sb3.commands.named_run import RUN, named_run
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.sb3.policy import Normaliser
@@ -33,7 +34,7 @@ PROGRAM = "ogmp-export"
 class ExportConfig:
     """Keys of the command line."""
 
-    run: str = cli.option("run directory, checkpoint directory, or name of a shipped policy")
+    run: str = cli.option(RUN)
     out: str = cli.option("directory to write")
     robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
@@ -53,7 +54,8 @@ def _run(arguments: list[str]) -> None:
     cli.require("export", "onnx", "onnxruntime")
     from ogmp_sb3.commands.export.controller import Controller
 
-    loaded, out = load_policy(config.run, config.trust, config.task, config.robot), Path(config.out)
+    run, out = named_run(PROGRAM, config.run), Path(config.out)
+    loaded = load_policy(run, config.trust, config.task, config.robot)
     cli.check_out(out)
     if not isinstance(loaded.policy.features_extractor, Normaliser) or loaded.policy.net_arch:
         raise ValueError(f"'{config.run}': only a network as ogmp-train makes it (Normaliser, LSTM) can be exported.")

@@ -10,6 +10,7 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.encoder_warning import encoder_warning, warn_once
 from ogmp_sb3.commands.train.command_line import PROGRAM, TASK_KEYS
 from ogmp_sb3.commands.train.composition import given_bare
@@ -21,6 +22,7 @@ from ogmp_sb3.config.strict import read
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.yaml_files import apply_overrides, resolved
 from ogmp_sb3.guidance.latent import encoder_dir
+from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.runs.settings import TrainConfig
 from ogmp_sb3.runs.training import Job
 
@@ -36,6 +38,19 @@ def read_job(config: DictConfig, run_dir: Path) -> Job:
     """
     with _where_it_was_started():
         return _read_job(config, plain(HydraConfig.get().overrides.task), run_dir)
+
+
+def check_films(settings: TrainConfig) -> None:
+    """Check that a training can be filmed here, if it is to be.
+
+    :raises ValueError: naming the extra, or saying that nothing can be drawn
+    """
+    if settings.videos is not None:
+        cli.require("viewer", "PIL", "imageio_ffmpeg")
+        try:
+            gl_library()
+        except ValueError as error:
+            raise ValueError(f"'videos': {error}") from None
 
 
 def warn_of_encoder(job: Job) -> None:
@@ -64,6 +79,7 @@ def _read_job(config: DictConfig, overrides: list[str], run_dir: Path) -> Job:
         data["robot"] = str((path.parent / robot).resolve())
     task = _with_encoder(task_from_data(data, path))
     settings = read(TrainConfig, values, Where(PROGRAM))
+    check_films(settings)
     return Job(task=task, task_data=data, config=settings, run_dir=run_dir, overrides=tuple(overrides))
 
 

@@ -13,10 +13,11 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from ogmp_sb3.commands import cli
+from ogmp_sb3.commands.named_run import named_run
 from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_hydra, sentence
 from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
-from ogmp_sb3.commands.train.jobs import read_job, warn_of_encoder
+from ogmp_sb3.commands.train.jobs import check_films, read_job, warn_of_encoder
 from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
 from ogmp_sb3.commands.train.start import remove_unused
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
@@ -62,7 +63,7 @@ def _fail(run_dir: Path, error: Exception) -> None:
 def _resume(arguments: list[str]) -> None:
     """``ogmp-train resume=<run dir> [total_timesteps=...]``: everything else is as it was."""
     changes = dict(argument.partition("=")[::2] for argument in arguments)
-    run_dir = Path(changes.pop("resume"))
+    run_dir = Path(named_run(PROGRAM, changes.pop("resume"), to_resume=True))
     data = run_config(run_dir)
     if "robot" in changes and (run_dir / ROBOT).is_dir():
         raise KeyError(f"'robot' cannot change when a run is resumed: it goes on with {run_dir / ROBOT}.")
@@ -76,6 +77,7 @@ def _resume(arguments: list[str]) -> None:
     data["train"] = resolved(data["train"], where)
     task = task_from_data({**data["task"], "robot": str(run_robot(run_dir, data))}, Path(data["task_file"]))
     config = read(TrainConfig, data["train"], where)
+    check_films(config)
     resume = bool(checkpoint_dirs(run_dir))
     with transcript(run_dir):
         if not resume:

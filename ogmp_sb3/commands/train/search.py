@@ -33,9 +33,9 @@ from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.result_cache import ResultCache
-from ogmp_sb3.runs.multirun import MULTIRUN, plain_key
+from ogmp_sb3.runs.multirun import plain_key
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import FAILURE, Run, read_run
+from ogmp_sb3.runs.run_directory import FAILURE, MULTIRUN, Run, read_run
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by

@@ -26,6 +26,7 @@ Examples:
   ogmp-train -m +experiment=rho task=parkour
   ogmp-train -m +search=rho task=parkour
   ogmp-train resume=runs/parkour/2026-01-31_12-00-00        (goes on where that run stopped)
+  ogmp-train resume=latest total_timesteps=30000000
 """
 OUTPUT = "A run directory holds config.yaml, progress.csv, TensorBoard events, checkpoints/ and best/."
 
@@ -58,7 +59,10 @@ def _keys() -> list[tuple[str, str]]:
         ("task", f"{', '.join(catalogue.names('task'))}, or the path of a YAML file (required)"),
         *_fields(TrainConfig, defaults, ""),
         *_fields(PPOConfig, defaults["ppo"], "ppo."),
-        ("resume", "run directory to go on with; total_timesteps, checkpoints and threads may change (default null)"),
+        (
+            "resume",
+            "run to go on with: its directory, latest, or part of its name; length, checkpoints, threads may change",
+        ),
         ("hydra.run.dir", "the run directory (default runs/<task>/<time>)"),
         ("hydra.sweep.dir", "directory for the runs of -m (default runs/sweeps/<time>)"),
         ("hydra/launcher", "where the runs of -m train: basic, joblib, submitit_slurm, ray (default basic)"),

@@ -10,48 +10,80 @@ from matplotlib.figure import Figure
 
 from ogmp_sb3.config.robot import STATE_NAMES
 from ogmp_sb3.guidance.sampling import ModeCall
-from ogmp_sb3.guidance.srb import OMEGA, POS, RPY
-from ogmp_sb3.report.plots.style import COLOURS, in_style, panel_grid, save
+from ogmp_sb3.guidance.srb import OMEGA, POS, RPY, VEL
+from ogmp_sb3.report.plots.style import COLOURS, in_style, legend_entries, panel_grid, save
 
-LEAST_RANGE = 0.1  # m, rad or rad/s: of an axis, so that what hardly moves looks at rest
+HEIGHT = POS.start + 2
+KINDS = ((POS, "m", 0.1), (RPY, "rad", 0.1), (VEL, "m/s", 0.5), (OMEGA, "rad/s", 0.5))
+"""Parts of a state in the order they are drawn in, their unit, and the least span of an axis, so that what hardly moves
+looks at rest."""
+MOVES = 0.01  # of the least span: a state that moves less is not drawn
+
+Panel = tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]
+"""Title, stance (steps,), set-points (steps + 1, 12), and oracle -> reference (steps + 1, 12)."""
 
 
 @in_style
-def plot_references(
-    panels: list[tuple[str, np.ndarray, np.ndarray, dict[str, np.ndarray]]], dt: float, path: Path
-) -> None:
-    """References over time by every oracle, one panel for each mode (paper, fig:orac_trajs).
+def plot_references(panels: list[Panel], dt: float, path: Path) -> None:
+    """References over time by every oracle, one row for each mode (paper, fig:orac_trajs).
 
-    Shown is the height of the base, and of a mode that turns it the angle and the rate about its axis as well.
+    Shown is the height of the base, and all else of its state that moves.
 
-    :param panels: title, stance (steps,), set-points (steps + 1, 12), and oracle -> reference (steps + 1, 12)
     :param dt: distance of knots, s
     :param path: picture to write
     """
-    shown = [(panel, label, state) for panel in panels for label, state in _shown(panel[2])]
-    figure, grid = panel_grid(len(shown), 3, 4.5, 3.2)
-    for axes, ((title, stance, set_points, references), label, state) in zip(grid, shown, strict=True):
-        time = dt * np.arange(len(set_points))
-        for k in np.flatnonzero(stance):
-            axes.axvspan(time[k], time[k + 1], color="0.92", linewidth=0)
-        axes.plot(time, set_points[:, state], color="0.4", linestyle=":", label="set-points")
-        for oracle, reference in references.items():
-            axes.plot(time, reference[:, state], label=oracle, color=COLOURS.get(oracle))
-        low, high = axes.get_ylim()
-        short = max(LEAST_RANGE - (high - low), 0.0)
-        axes.set(title=title, xlabel="time (s)", ylabel=label, ylim=(low - 0.5 * short, high + 0.5 * short))
-    grid[0].legend(fontsize="small")
+    shown = [_shown([set_points, *references.values()]) for _, _, set_points, references in panels]
+    columns = max(map(len, shown))
+    figure, grid = panel_grid(len(panels) * columns, columns, 3.3, 2.7)
+    for row, (panel, states) in enumerate(zip(panels, shown, strict=True)):
+        for column in range(columns):
+            axes = grid[row * columns + column]
+            if column < len(states):
+                _draw_reference(axes, panel, dt, *states[column])
+            else:
+                axes.axis("off")
+    entries = legend_entries(grid)
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=len(entries), fontsize="small")
     figure.suptitle("References by mode (grey: stance)")
     save(figure, path)
 
 
-def _shown(set_points: np.ndarray) -> list[tuple[str, int]]:
-    """Labels and places of the states that a mode's picture shows."""
-    shown = [("base height (m)", POS.start + 2)]
-    for axis in map(int, np.flatnonzero(set_points[:, OMEGA].any(axis=0))):
-        name = STATE_NAMES[axis]
-        shown += [(f"{name} (rad)", RPY.start + axis), (f"{name} rate (rad/s)", OMEGA.start + axis)]
-    return shown
+def _draw_reference(axes: Axes, panel: Panel, dt: float, state: int, label: str, least: float) -> None:
+    """One number of the state over time.
+
+    :param least: span of its axis, in its unit
+    """
+    title, stance, set_points, references = panel
+    time = dt * np.arange(len(set_points))
+    for k in np.flatnonzero(stance):
+        axes.axvspan(time[k], time[k + 1], color="0.92", linewidth=0)
+    axes.plot(time, set_points[:, state], color="0.4", linestyle=":", label="set-points")
+    for oracle, reference in references.items():
+        axes.plot(time, reference[:, state], label=oracle, color=COLOURS.get(oracle))
+    low, high = axes.get_ylim()
+    short = max(least - (high - low), 0.0)
+    axes.set(title=title, xlabel="time (s)", ylabel=label, ylim=(low - 0.5 * short, high + 0.5 * short))
+
+
+def _shown(curves: list[np.ndarray]) -> list[tuple[int, str, float]]:
+    """The states that a mode's row shows: place, label, and least span of the axis.
+
+    :param curves: set-points and references, each (steps + 1, 12)
+    """
+    shown = []
+    for part, unit, least in KINDS:
+        for place in range(part.start, part.stop):
+            if place == HEIGHT or max(np.ptp(curve[:, place]) for curve in curves) > MOVES * least:
+                shown.append((place, f"{_label(place)} ({unit})", least))
+    return sorted(shown, key=lambda state: state[0] != HEIGHT)
+
+
+def _label(place: int) -> str:
+    """What a number of the state is called."""
+    name = STATE_NAMES[place]
+    if OMEGA.start <= place < OMEGA.stop:
+        return f"{STATE_NAMES[RPY.start + place - OMEGA.start]} rate"
+    return {"x": "x, forward", "y": "y, sideways", "z": "base height"}.get(name, name)
 
 
 @in_style

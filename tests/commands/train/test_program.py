@@ -262,7 +262,9 @@ def test_a_task_file_of_the_users_own_works_by_path_and_by_directory(tmp_path: P
         (["task=parkour", "torch_threads=many"], "'torch_threads' must be auto or a whole number"),
         (["task=nowhere.yaml"], "nowhere.yaml: no such file"),
         (["task=parcour"], "parkour"),
-        (["resume=nowhere"], "nowhere/config.yaml: no such file"),
+        (["resume=nowhere"], "'nowhere' is no run directory."),
+        (["resume=latest"], "'latest': no run is below 'runs' here yet."),
+        (["resume=parkour"], "'parkour' is a policy that ships: there is no training to go on with."),
     ],
 )
 def test_a_users_mistake_is_a_sentence_without_a_traceback(arguments, sentence, tmp_path: Path) -> None:

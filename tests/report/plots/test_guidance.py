@@ -43,10 +43,31 @@ def test_a_mode_that_turns_the_base_is_shown_with_angle_and_rate(figures: list[F
     shown = [(axes.get_title(), axes.get_ylabel()) for axes in figures[0].axes if axes.get_title()]
     height = "base height (m)"
     assert shown == [("flip", height), ("flip", "pitch (rad)"), ("flip", "pitch rate (rad/s)"), ("settle", height)]
-    low, high = figures[0].axes[3].get_ylim()
+    low, high = next(axes for axes in figures[0].axes if axes.get_title() == "settle").get_ylim()
     assert (low, high) == pytest.approx((0.45, 0.55), abs=0.03)  # at rest, and looks it
     drawn = [figures[0].axes[place].lines[1].get_ydata().tolist() for place in (1, 2)]
     assert drawn == [[0.0, 3.0], [9.0, 8.0]]
+
+
+def test_all_that_moves_is_shown_and_rounding_noise_is_not(figures: list[Figure]) -> None:
+    noise = [0.0, 1e-15, 0.0]
+    moving = states(
+        z=[0.5, 0.5, 0.5], y=[0.0, 0.1, 0.2], roll=[0.0, -3.0, -6.0], vy=[0.0, 1.0, 1.0], wx=[0.0, -8.0, -8.0]
+    )
+    still = states(z=[0.5, 0.5 + 1e-12, 0.5], x=noise, yaw=noise, vx=noise)
+    panels = [("left", np.array([True, False]), still, {"lqr": moving}), ("stand", np.array([True, True]), still, {})]
+    guidance.plot_references(panels, 0.03, Path("unused"))
+    shown = [(axes.get_title(), axes.get_ylabel()) for axes in figures[0].axes if axes.get_title()]
+    labels = ["base height (m)", "y, sideways (m)", "roll (rad)", "vy (m/s)", "roll rate (rad/s)"]
+    assert shown == [*(("left", label) for label in labels), ("stand", "base height (m)")]
+    low, high = figures[0].axes[5].get_ylim()
+    assert high - low >= 0.1 and high - 0.5 == pytest.approx(0.5 - low)  # a flat line in the middle
+
+
+def test_what_moves_in_the_set_points_alone_is_shown(figures: list[Figure]) -> None:
+    panel = ("turn", np.array([True]), states(z=[0.5, 0.5], wz=[0.0, 1.0]), {"lqr": states(z=[0.5, 0.5])})
+    guidance.plot_references([panel], 0.03, Path("unused"))
+    assert [axes.get_ylabel() for axes in figures[0].axes] == ["base height (m)", "yaw rate (rad/s)"]
 
 
 def test_latents_have_a_panel_for_all_modes_and_one_for_each_parameter_that_varies(figures: list[Figure]) -> None:
