@@ -22,6 +22,7 @@ Examples:
   ogmp-train task=path/to/my_task.yaml
   ogmp-train task=my_task --config-dir path/to/dir          (reads path/to/dir/task/my_task.yaml)
   ogmp-train task=parkour modes.jump.h=[0.1,0.2] curriculum=null
+  ogmp-train task=parkour logger=[tensorboard,wandb]         (also mlflow, trackio)
   ogmp-train -m task=parkour rho=0.1,0.3,0.5 oracle=linear,lqr,preview
   ogmp-train -m +experiment=rho task=parkour
   ogmp-train -m +search=rho task=parkour
@@ -58,7 +59,10 @@ def _keys() -> list[tuple[str, str]]:
         ("task", f"{', '.join(catalogue.names('task'))}, or the path of a YAML file (required)"),
         *_fields(TrainConfig, defaults, ""),
         *_fields(PPOConfig, defaults["ppo"], "ppo."),
-        ("resume", "run directory to go on with; total_timesteps, checkpoints and threads may change (default null)"),
+        (
+            "resume",
+            "run directory to go on with; samples, checkpoints, threads, device, logger may change (default null)",
+        ),
         ("hydra.run.dir", "the run directory (default runs/<task>/<time>)"),
         ("hydra.sweep.dir", "directory for the runs of -m (default runs/sweeps/<time>)"),
         ("hydra/launcher", "where the runs of -m train: basic, joblib, submitit_slurm, ray (default basic)"),
