@@ -10,6 +10,7 @@ import importlib.util
 import re
 from pathlib import Path
 
+from ogmp_sb3.config.messages import first_line
 from ogmp_sb3.runs.robot_copy import ROBOT
 from ogmp_sb3.runs.run_directory import ENCODER, INFO, WEIGHTS
 from ogmp_sb3.runs.storage import MANIFEST
@@ -102,9 +103,8 @@ def _why(error: Exception) -> str:
         return f"the Hub does not know the token: {LOG_IN}"
     if status == 403:
         return "the token does not allow this"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
     if isinstance(error, errors.LocalEntryNotFoundError):
         return "the Hub cannot be reached, and it is not in the cache"
     if type(error).__module__.partition(".")[0].startswith("httpx") or isinstance(error, ConnectionError):
-        return f"the Hub cannot be reached ({lines[0][:200]})"
-    return lines[0][:200].rstrip(".")
+        return f"the Hub cannot be reached ({first_line(error)})"
+    return first_line(error)

@@ -67,7 +67,8 @@ class WandbRun:
         import wandb
 
         known = known or {"id": secrets.token_hex(4)}
-        self.run = wandb.init(
+        self.run: Any = wandb.init(
+            id=known["id"],
             project=os.environ.get("WANDB_PROJECT", PROJECT),
             name=training.folder.name,
             group=training.group,
@@ -76,7 +77,6 @@ class WandbRun:
             dir=str(training.folder),
             resume="allow",
             settings=wandb.Settings(console="off", quiet=True),
-            **known,
         )
         return known
 
@@ -107,7 +107,8 @@ class MlflowRun:
         for params in _slices([*_params(training.settings).items()], PARAMS):
             self.client.log_batch(self.id, params=[mlflow.entities.Param(*param) for param in params])
         uri = mlflow.get_tracking_uri()
-        return {"id": self.id, **({"uri": uri} if uri.startswith("sqlite:") else {})}  # relative to where it began
+        local = uri.startswith(("sqlite:", "file:"))  # below the directory that the training began in
+        return {"id": self.id, **({"uri": uri} if local else {})}
 
     def _experiment(self) -> str:
         """The experiment that runs are in, made if there is none yet; another job may make it at the same time."""
@@ -145,13 +146,13 @@ class TrackioRun:
 
         project = os.environ.get("TRACKIO_PROJECT", PROJECT)
         known = known or {"name": _free_name(training.folder.name, project)}
-        self.run = trackio.init(
+        self.run: Any = trackio.init(
             project=project,
+            name=known["name"],
             group=training.group,
             config=training.settings,
             resume="allow",
             embed=False,
-            **known,
         )
         return known
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
 
-from ogmp_sb3.config.messages import Where
+from ogmp_sb3.config.messages import Where, first_line
 from ogmp_sb3.config.strict import read
 from ogmp_sb3.runs.logs import STEP_COLUMN, CsvWriter, TensorBoardWriter
 from ogmp_sb3.runs.multirun import MULTIRUN
@@ -41,7 +41,7 @@ def make_logger(names: Iterable[str], training: Training, resumed_at: int | None
 
     :param names: of trackers
     :param resumed_at: samples of the checkpoint that it goes on from; None: it begins
-    :raises ValueError: if a tracker cannot be reached at the beginning of a training
+    :raises ValueError: if a tracker cannot begin a run for a training that begins
     """
     folder, start = training.folder, resumed_at or 0
     table = CsvWriter(folder / LOG, start)
@@ -101,10 +101,8 @@ class TrackerWriter(KVWriter):
             self._send()
         except Exception as error:
             if must:
-                raise ValueError(
-                    f"'logger': {self.name} cannot be reached ({_reason(error)}). Without it: logger=null, or "
-                    "another tracker."
-                ) from None
+                text = f"'logger': {self.name} could not begin a run ({first_line(error)})."
+                raise ValueError(f"{text} To train without it: logger=null, or another tracker.") from None
             self._failed(error)
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
@@ -121,7 +119,7 @@ class TrackerWriter(KVWriter):
             self._send()
             self.run.finish(self.summary, self.samples)
         except Exception as error:
-            text = f"{self.name}: could not be told of the end ({_reason(error)}); what it has not got yet is in"
+            text = f"{self.name}: could not be told of the end ({first_line(error)}); what it has not got yet is in"
             warnings.warn(f"{text} {self.table.path}, and is sent when the run goes on.", stacklevel=1)
 
     def _send(self) -> None:
@@ -148,7 +146,9 @@ class TrackerWriter(KVWriter):
 
     def _failed(self, error: Exception) -> None:
         if not self.warned:
-            text = f"{self.name}: cannot be written to ({_reason(error)}); the training goes on, and tries again later."
+            text = (
+                f"{self.name}: cannot be written to ({first_line(error)}); the training goes on, and tries again later."
+            )
             warnings.warn(text, stacklevel=1)
         self.warned = True
         self.wait, self.waited = min(2 * self.wait, MOST), 0
@@ -170,10 +170,3 @@ def _known(file: Path, name: str) -> dict[str, Any]:
 
 def _samples(row: dict[str, Any]) -> int:
     return int(float(row[STEP_COLUMN]))
-
-
-def _reason(error: Exception) -> str:
-    """The first line of what a library says."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = lines[0] if lines else type(error).__name__
-    return text[:200].rstrip(".")

@@ -147,10 +147,10 @@ def _train(job: Job, checkpoint: Path | None) -> float:
         checkpoints.restore(checkpoint)
         origin = {**run_config(run_dir), "task": job.task_data, ROBOT: asdict(record)}
     command = {"overrides": list(job.overrides)} if job.overrides else {}
-    write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     settings = {"task": job.task_data, "train": config.as_data(), "versions": origin["versions"]}
     training = Training(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
     model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))
+    write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps

@@ -155,7 +155,7 @@ def test_what_a_tracker_never_took_is_said_at_the_end_and_sent_when_the_run_goes
 
 def test_a_tracker_that_is_not_there_at_the_beginning_is_a_sentence(tmp_path: Path, server: Server) -> None:
     server.gone = True
-    with pytest.raises(ValueError, match=r"^'logger': wandb cannot be reached \(no route to host\)\. Without it: "):
+    with pytest.raises(ValueError, match=r"^'logger': wandb could not begin a run \(no route to host\)\. To train "):
         logger(tmp_path)
 
 

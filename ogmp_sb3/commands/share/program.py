@@ -98,7 +98,7 @@ def _write(config: ShareConfig, loaded: LoadedPolicy, folder: Path) -> None:
     card = Card(
         loaded=loaded,
         robot=info["task"]["robot"],
-        repo=config.repo or f"<owner>/{loaded.name}",
+        repo=config.repo or f"<owner>/{loaded.task.name}",
         license=None if config.license is None else config.license.lower(),
         training=settings,
         evaluation=evaluation,
