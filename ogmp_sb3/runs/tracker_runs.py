@@ -26,7 +26,7 @@ PARAMS, METRICS = 100, 1000  # that MLflow takes at once
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
+class TrackedTraining:
     """What a tracker is told of a training."""
 
     folder: Path
@@ -42,7 +42,7 @@ class Training:
 class TrackerRun(Protocol):
     """One run in a tracker."""
 
-    def begin(self, training: Training, known: dict[str, str]) -> dict[str, str]:
+    def begin(self, training: TrackedTraining, known: dict[str, str]) -> dict[str, str]:
         """Begin the run, or go on with it.
 
         :param known: what this returned when the run began; empty: it begins
@@ -62,7 +62,7 @@ class TrackerRun(Protocol):
 class WandbRun:
     """A run of Weights & Biases; its files are in the run directory."""
 
-    def begin(self, training: Training, known: dict[str, str]) -> dict[str, str]:
+    def begin(self, training: TrackedTraining, known: dict[str, str]) -> dict[str, str]:
         os.environ.setdefault("WANDB_FINISH_TIMEOUT", SECONDS)
         import wandb
 
@@ -91,7 +91,7 @@ class WandbRun:
 class MlflowRun:
     """A run of MLflow."""
 
-    def begin(self, training: Training, known: dict[str, str]) -> dict[str, str]:
+    def begin(self, training: TrackedTraining, known: dict[str, str]) -> dict[str, str]:
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", SECONDS)
         import mlflow
@@ -141,7 +141,7 @@ class MlflowRun:
 class TrackioRun:
     """A run of Trackio, which knows runs by their names."""
 
-    def begin(self, training: Training, known: dict[str, str]) -> dict[str, str]:
+    def begin(self, training: TrackedTraining, known: dict[str, str]) -> dict[str, str]:
         import trackio
 
         project = os.environ.get("TRACKIO_PROJECT", PROJECT)

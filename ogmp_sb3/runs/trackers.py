@@ -23,7 +23,7 @@ from ogmp_sb3.runs.multirun import MULTIRUN
 from ogmp_sb3.runs.run_directory import LOG, TRACKERS
 from ogmp_sb3.runs.settings import TENSORBOARD
 from ogmp_sb3.runs.storage import load_json, save_json
-from ogmp_sb3.runs.tracker_runs import RUNS, TrackerRun, Training
+from ogmp_sb3.runs.tracker_runs import RUNS, TrackedTraining, TrackerRun
 
 DEEPEST = 4  # directories between a multirun and its jobs
 MOST = 64  # rows between two tries to reach a tracker
@@ -36,25 +36,30 @@ def check_installed(names: Iterable[str]) -> None:
             raise ValueError(f"'logger' is {name}, whose package is missing: pip install \"ogmp_sb3[{name}]\".")
 
 
-def make_logger(names: Iterable[str], training: Training, resumed_at: int | None) -> Logger:
+def make_logger(names: Iterable[str], training: TrackedTraining, resumed_at: int | None) -> Logger:
     """The logger of a training.
 
     :param names: of trackers
     :param resumed_at: samples of the checkpoint that it goes on from; None: it begins
     :raises ValueError: if a tracker cannot begin a run for a training that begins
     """
-    folder, start = training.folder, resumed_at or 0
-    table = CsvWriter(folder / LOG, start)
+    table = CsvWriter(training.folder / LOG, resumed_at or 0)
     writers: list[KVWriter] = [table]
     for name in names:
-        if name == TENSORBOARD:
-            writers.append(TensorBoardWriter(folder, start))
-        else:
-            writers.append(TrackerWriter(name, RUNS[name](), training, table))
-    for writer in writers:
-        if isinstance(writer, TrackerWriter):
-            writer.begin(must=resumed_at is None)
-    return Logger(folder=str(folder), output_formats=writers)
+        try:
+            writers.append(_writer(name, training, table, resumed_at))
+        except (ValueError, OSError):
+            Logger(None, writers).close()
+            raise
+    return Logger(folder=str(training.folder), output_formats=writers)
+
+
+def _writer(name: str, training: TrackedTraining, table: CsvWriter, resumed_at: int | None) -> KVWriter:
+    if name == TENSORBOARD:
+        return TensorBoardWriter(training.folder, resumed_at or 0)
+    writer = TrackerWriter(name, RUNS[name](), training, table)
+    writer.begin(must=resumed_at is None)
+    return writer
 
 
 def end_with(logger: Logger, summary: dict[str, float]) -> None:
@@ -82,7 +87,7 @@ class TrackerWriter(KVWriter):
     :param table: ``progress.csv``, which is written first
     """
 
-    def __init__(self, name: str, run: TrackerRun, training: Training, table: CsvWriter) -> None:
+    def __init__(self, name: str, run: TrackerRun, training: TrackedTraining, table: CsvWriter) -> None:
         self.name, self.run, self.training, self.table = name, run, training, table
         self.summary: dict[str, float] | None = None
         self.file = training.folder / TRACKERS

@@ -37,7 +37,7 @@ from ogmp_sb3.runs.run_directory import (
 from ogmp_sb3.runs.settings import TrainConfig, thread_count, torch_device, versions
 from ogmp_sb3.runs.signals import saved_first
 from ogmp_sb3.runs.storage import load_json, write_yaml
-from ogmp_sb3.runs.tracker_runs import Training
+from ogmp_sb3.runs.tracker_runs import TrackedTraining
 from ogmp_sb3.runs.trackers import check_installed, end_with, group_of, make_logger
 from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy_average import PolicyAverage
@@ -147,14 +147,14 @@ def _train(job: Job, checkpoint: Path | None) -> float:
         checkpoints.restore(checkpoint)
         origin = {**run_config(run_dir), "task": job.task_data, ROBOT: asdict(record)}
     command = {"overrides": list(job.overrides)} if job.overrides else {}
-    settings = {"task": job.task_data, "train": config.as_data(), "versions": origin["versions"]}
-    training = Training(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
+    settings = {"task": job.task_data, "train": config.as_data(), "versions": origin.get("versions", {})}
+    training = TrackedTraining(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
     model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))
-    write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
     with saved_first(checkpoints), closing(model.logger), closing(progress):
+        write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
         try:
             if remaining > 0:
                 model.learn(

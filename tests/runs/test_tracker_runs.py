@@ -10,18 +10,18 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from ogmp_sb3.runs.tracker_runs import MlflowRun, TrackioRun, Training, WandbRun
+from ogmp_sb3.runs.tracker_runs import MlflowRun, TrackedTraining, TrackioRun, WandbRun
 
 SETTINGS = {"task": {"rho": 0.5, "modes": {"jump": {"h": [0.1, 0.2]}, "pace": {}}}, "train": {"device": "cpu"}}
 
 
 @pytest.fixture
-def training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Training:
+def training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrackedTraining:
     for name in ("WANDB_PROJECT", "MLFLOW_TRACKING_URI", "MLFLOW_EXPERIMENT_NAME", "TRACKIO_PROJECT"):
         monkeypatch.delenv(name, raising=False)
     for name in ("WANDB_FINISH_TIMEOUT", "MLFLOW_HTTP_REQUEST_MAX_RETRIES", "MLFLOW_HTTP_REQUEST_TIMEOUT"):
         monkeypatch.setenv(name, "1")
-    return Training(folder=tmp_path / "seed=1", task="dive", group="experiments/rho", settings=SETTINGS)
+    return TrackedTraining(folder=tmp_path / "seed=1", task="dive", group="experiments/rho", settings=SETTINGS)
 
 
 def stand_in(name: str, monkeypatch: pytest.MonkeyPatch) -> MagicMock:
@@ -30,7 +30,7 @@ def stand_in(name: str, monkeypatch: pytest.MonkeyPatch) -> MagicMock:
     return library
 
 
-def test_wandb_is_told_of_the_run_its_rows_and_its_end(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wandb_is_told_of_its_run_its_rows_its_end(training: TrackedTraining, monkeypatch: pytest.MonkeyPatch) -> None:
     wandb = stand_in("wandb", monkeypatch)
     run = WandbRun()
     known = run.begin(training, {})
@@ -75,7 +75,7 @@ def calls(client: MagicMock, argument: str) -> list[Any]:
     return [call.kwargs[argument] for call in client.log_batch.call_args_list if argument in call.kwargs]
 
 
-def test_mlflow_is_told_of_the_run_its_rows_and_its_end(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mlflow_is_told_of_its_run_its_rows_its_end(training: TrackedTraining, monkeypatch: pytest.MonkeyPatch) -> None:
     mlflow = mlflow_stand_in(monkeypatch, "sqlite:////here/mlflow.db")
     client, run = mlflow.MlflowClient.return_value, MlflowRun()
     known = run.begin(training, {})
@@ -106,10 +106,12 @@ def test_mlflow_is_told_of_the_run_its_rows_and_its_end(training: Training, monk
 
 
 def test_mlflow_takes_many_settings_in_parts_and_no_password_is_kept(
-    training: Training, monkeypatch: pytest.MonkeyPatch
+    training: TrackedTraining, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mlflow = mlflow_stand_in(monkeypatch, "http://user:password@there")
-    many = Training(folder=training.folder, task="t", group="g", settings={f"k{i}": "x" * 9000 for i in range(250)})
+    many = TrackedTraining(
+        folder=training.folder, task="t", group="g", settings={f"k{i}": "x" * 9000 for i in range(250)}
+    )
     assert MlflowRun().begin(many, {}) == {"id": "r1"}
     parts = calls(mlflow.MlflowClient.return_value, "params")
     assert [len(part) for part in parts] == [100, 100, 50]
@@ -117,7 +119,7 @@ def test_mlflow_takes_many_settings_in_parts_and_no_password_is_kept(
 
 
 def test_jobs_that_make_the_experiment_at_the_same_time_share_it(
-    training: Training, monkeypatch: pytest.MonkeyPatch
+    training: TrackedTraining, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = mlflow_stand_in(monkeypatch, "sqlite:///a").MlflowClient.return_value
     client.get_experiment_by_name.side_effect = [None, SimpleNamespace(experiment_id="8")]
@@ -129,7 +131,9 @@ def test_jobs_that_make_the_experiment_at_the_same_time_share_it(
         MlflowRun().begin(training, {})
 
 
-def test_trackio_is_told_of_the_run_its_rows_and_its_end(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trackio_is_told_of_its_run_its_rows_its_end(
+    training: TrackedTraining, monkeypatch: pytest.MonkeyPatch
+) -> None:
     trackio = stand_in("trackio", monkeypatch)
     trackio.Api.return_value.runs.side_effect = ValueError("no such project")
     run = TrackioRun()

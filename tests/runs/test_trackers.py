@@ -13,7 +13,7 @@ from stable_baselines3.common.logger import Logger
 
 from ogmp_sb3.runs.logs import STEP_COLUMN, TensorBoardWriter
 from ogmp_sb3.runs.multirun import MULTIRUN
-from ogmp_sb3.runs.tracker_runs import RUNS, Training
+from ogmp_sb3.runs.tracker_runs import RUNS, TrackedTraining
 from ogmp_sb3.runs.trackers import check_installed, end_with, group_of, make_logger
 
 SUMMARY = {"final/return": 5.0}
@@ -39,7 +39,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     server = Server()
 
     class Run:
-        def begin(self, training: Training, known: dict[str, str]) -> dict[str, str]:
+        def begin(self, training: TrackedTraining, known: dict[str, str]) -> dict[str, str]:
             server.ask()
             known = known or {"id": f"run{len(server.runs)}"}
             self.run = server.runs.setdefault(known["id"], {"settings": training.settings, "rows": [], "ends": []})
@@ -57,8 +57,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     return server
 
 
-def training(folder: Path) -> Training:
-    return Training(folder=folder, task="dive", group="dive", settings={"task": {"rho": 0.5}})
+def training(folder: Path) -> TrackedTraining:
+    return TrackedTraining(folder=folder, task="dive", group="dive", settings={"task": {"rho": 0.5}})
 
 
 def logger(folder: Path, resumed_at: int | None = None, *names: str) -> Logger:
@@ -157,6 +157,17 @@ def test_a_tracker_that_is_not_there_at_the_beginning_is_a_sentence(tmp_path: Pa
     server.gone = True
     with pytest.raises(ValueError, match=r"^'logger': wandb could not begin a run \(no route to host\)\. To train "):
         logger(tmp_path)
+
+
+def test_where_one_tracker_cannot_begin_the_others_are_closed(
+    tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[str] = []
+    monkeypatch.setattr(TensorBoardWriter, "close", lambda self: closed.append(self.folder.name))
+    server.gone = True
+    with pytest.raises(ValueError, match="wandb could not begin a run"):
+        logger(tmp_path, None, "tensorboard", "wandb")
+    assert closed == [tmp_path.name]
 
 
 def test_numbers_that_are_none_are_sent_and_empty_cells_are_not(tmp_path: Path, server: Server) -> None:
