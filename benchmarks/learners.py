@@ -15,13 +15,14 @@ from typing import Any
 
 from sb3_contrib import RecurrentPPO as StockRecurrentPPO
 from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import Logger
 
 from ogmp_sb3 import make_env, make_model
 from ogmp_sb3.report.page import write_csv
 from ogmp_sb3.report.panels import mean_curve
 from ogmp_sb3.report.plots.trainings import plot_sweep_curves
 from ogmp_sb3.runs.callbacks import EpisodeStatistics, ProgressBar
-from ogmp_sb3.runs.logs import make_logger
+from ogmp_sb3.runs.logs import CsvWriter, TensorBoardWriter
 from ogmp_sb3.runs.multirun import read_sweep
 from ogmp_sb3.runs.run_directory import Run, read_run
 
@@ -45,7 +46,7 @@ def train_stock(folder: Path, num_envs: int = 64, every: int = 16_384) -> Run:
     if not log.is_file() or read_run(folder).samples < STOCK_SAMPLES:
         folder.mkdir(parents=True, exist_ok=True)
         model = make_model(make_env("parkour", num_envs), kind=StockRecurrentPPO)
-        model.set_logger(make_logger(folder))
+        model.set_logger(Logger(str(folder), [CsvWriter(log), TensorBoardWriter(folder)]))
         callbacks = CallbackList([EpisodeStatistics(every), ProgressBar(STOCK_SAMPLES)])
         model.learn(STOCK_SAMPLES, callback=callbacks, log_interval=None)
         model.logger.close()

@@ -8,7 +8,10 @@ from ogmp_sb3.commands import cli
 from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.runs.run_names import find_run, is_path_of_run, is_policy_name
 
-RUN = "run or checkpoint directory, name of a shipped policy, 'latest', or part of the name of a run below runs/"
+RUN = (
+    "run or checkpoint directory, name of a shipped policy, 'latest', part of the name of a run below runs/, or "
+    "hf:<owner>/<name>"
+)
 """Help of the key."""
 
 

@@ -45,6 +45,13 @@ def describe(data: Any) -> str:
     return f"{names.get(type(data), 'the value')} {text if len(text) <= LONGEST else text[:LONGEST] + '...'}"
 
 
+def first_line(error: Exception) -> str:
+    """The first line of what a library says went wrong, without the full stop; its class if it says nothing."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = lines[0].rstrip(".") if lines else type(error).__name__
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """The end of an error sentence: what is allowed, and the closest match if there is one.
 

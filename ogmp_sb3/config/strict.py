@@ -1,9 +1,9 @@
 """Strict reading of YAML data into frozen dataclasses: every mistake is one sentence with file and key.
 
 A dataclass's annotations are its schema. Supported: ``bool``, ``int``, ``float``, ``str``, ``X | None``,
-``X | D`` with a ``TypedDict`` D that is meant where one of its keys is there, ``tuple[X, ...]``, ``tuple[X, Y, Z]``,
-``dict[str, X]``, ``Literal``, ``Annotated[X, check]`` with a function ``check(value, where)`` that raises, nested
-dataclasses, and any class with a ``from_data(data, where)`` class method.
+``X | tuple[Y, ...]``, ``X | D`` with a ``TypedDict`` D that is meant where one of its keys is there, ``tuple[X, ...]``,
+``tuple[X, Y, Z]``, ``dict[str, X]``, ``Literal``, ``Annotated[X, check]`` with a function ``check(value, where)`` that
+raises, nested dataclasses, and any class with a ``from_data(data, where)`` class method.
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ def _read(kind: Any, data: Any, where: Where) -> Any:
 
 
 def _is_meant(kind: Any, data: Any) -> bool:
-    """Whether data is for a TypedDict rather than a mapping of scalars: it has one of its keys, or holds mappings."""
+    """Whether data is a list for a tuple, or for a TypedDict rather than a mapping of scalars: it has one of its keys,
+    or holds mappings.
+    """
+    if typing.get_origin(kind) is tuple:
+        return isinstance(data, list | tuple)
     if not typing.is_typeddict(kind) or not isinstance(data, dict):
         return False
     return any(key in data for key in kind.__annotations__) or any(isinstance(v, dict) for v in data.values())

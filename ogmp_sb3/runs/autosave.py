@@ -138,6 +138,13 @@ class Checkpoints(BaseCallback):
             go_on = f"Make room, then go on with: ogmp-train resume={self.run_dir}"
             raise ValueError(f"{self._not_written(error)}. {go_on}") from None
 
+    def summary(self) -> dict[str, float]:
+        """What the training came to: the last and the best policy; without a return that no episode has given yet."""
+        level, best = self.best
+        returns = {"final/return": mean_return(self.model), "best/return": best}  # type: ignore[arg-type]
+        known = {key: value for key, value in returns.items() if value > NOTHING[1]}
+        return {"final/samples": self.num_timesteps, "best/samples": self.best_at, "best/level": level, **known}
+
     def _not_written(self, error: OSError) -> str:
         """What :meth:`save` could not write, and why."""
         failed = self.run_dir / BEST if self.kept_at == self.num_timesteps else self._folder(self.num_timesteps)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from stable_baselines3.common.logger import KVWriter, Logger
+from stable_baselines3.common.logger import KVWriter
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
@@ -228,9 +228,3 @@ class TensorBoardWriter(KVWriter):
 def warn_of(path: Path, error: OSError) -> None:
     """Warn that something was not written, which a training goes on without."""
     warnings.warn(f"{path}: a row could not be written ({reason(error)}); the training goes on.", stacklevel=3)
-
-
-def make_logger(folder: Path, resumed_at: int = 0) -> Logger:
-    """A logger for one run directory."""
-    writers = [CsvWriter(folder / "progress.csv", resumed_at), TensorBoardWriter(folder, resumed_at)]
-    return Logger(folder=str(folder), output_formats=writers)

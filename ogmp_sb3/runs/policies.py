@@ -22,6 +22,7 @@ from ogmp_sb3.env.observations import CLIP
 from ogmp_sb3.env.robot_digest import robot_digest
 from ogmp_sb3.guidance.latent import changed_file, encoder_dir
 from ogmp_sb3.runs.checkpoint import FORMAT, latest_checkpoint, policy_weights, put_weights
+from ogmp_sb3.runs.hub import PREFIX, hub_folder, hub_name
 from ogmp_sb3.runs.robot_copy import original, read_record, task_robot, warn_of_changes
 from ogmp_sb3.runs.run_directory import CHECKPOINTS, CONFIG, ENCODER, INFO, WEIGHTS
 from ogmp_sb3.runs.run_folders import is_run
@@ -52,8 +53,8 @@ class LoadedPolicy:
 
     @property
     def name(self) -> str:
-        """Name of the directory, or of the ``.zip`` without its ending."""
-        return self.path.stem if self.path.is_file() else self.path.name
+        """Name of the directory, of the ``.zip`` without its ending, or of the repository on the Hub."""
+        return self.path.stem if self.path.is_file() else hub_name(self.path) or self.path.name
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -76,7 +77,8 @@ class LoadedPolicy:
 def load_policy(
     run: str | Path, trust: bool = False, task: str | None = None, robot: str | Path | None = None
 ) -> LoadedPolicy:
-    """Load a policy by name (:mod:`~ogmp_sb3.runs.run_names`), or by the directory of a policy, a checkpoint or a run.
+    """Load a policy by name (:mod:`~ogmp_sb3.runs.run_names`), by the directory of a policy, a checkpoint or a run, or
+    from the Hugging Face Hub (``hf:<owner>/<name>``).
 
     Its robot is the copy that the run or the policy has of it; one sentence warns if the original has changed since.
 
@@ -179,9 +181,12 @@ def policy_dir(run: str | Path) -> Path:
 
     :param run: a path or a name, as :mod:`~ogmp_sb3.runs.run_names` has it
     :raises KeyError: if there is none
-    :raises ValueError: if the name is that of several
+    :raises ValueError: if the name is that of several, or the policy is to be on the Hub and is not
     """
-    path = Path(find_run(str(run)))
+    name = find_run(str(run))
+    if name.startswith(PREFIX):
+        return hub_folder(name)
+    path = Path(name)
     if not (path / INFO).is_file() and (is_run(path) or (path / CHECKPOINTS).is_dir()):
         return latest_checkpoint(path)
     return find("policy", path).parent

@@ -27,17 +27,13 @@ CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 MULTIRUN = "multirun.yaml"  # in the directory of a multirun
 # What may change when a run goes on.
 RESUMABLE = (
-    "total_timesteps",
-    "checkpoint_interval",
-    "keep_checkpoints",
-    "torch_threads",
-    "physics_threads",
-    "device",
-    "videos",
+    *("total_timesteps", "checkpoint_interval", "keep_checkpoints"),
+    *("torch_threads", "physics_threads", "device", "logger", "videos"),
 )
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
 ELAPSED = "time/time_elapsed"  # column of the log: s since the training began, or went on
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
+TRACKERS = "trackers.json"  # in a run directory: which run it is in each tracker
 CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples
 WEIGHTS, INFO = "policy.safetensors", "policy.json"
 TRAINER = ("trainer.safetensors", "trainer.json")
@@ -209,6 +205,7 @@ def tidy_run(run_dir: Path) -> None:
     for folder, names in (
         (run_dir, BEST),
         (run_dir, CONFIG),
+        (run_dir, TRACKERS),
         (run_dir, ROBOT),
         (run_dir / CHECKPOINTS, "*"),
         (run_dir / UNSTABLE, "*"),

@@ -13,6 +13,7 @@ import shlex
 from pathlib import Path
 
 from ogmp_sb3.config.catalogue import find, is_file, names
+from ogmp_sb3.runs.hub import PREFIX
 from ogmp_sb3.runs.run_directory import BEST, CHECKPOINTS, INFO, checkpoint_dirs
 from ogmp_sb3.runs.run_folders import (
     RUNS,
@@ -31,7 +32,7 @@ SHOWN = 4  # names in a sentence
 
 
 def find_run(text: str, to_resume: bool = False) -> str:
-    """What ``run=`` means, as a path, or as the name of a policy that ships.
+    """What ``run=`` means, as a path, or as the name of a policy that ships or that is on the Hub.
 
     :param to_resume: a run to go on with, which need have no checkpoint; no policy alone will do
     :raises KeyError: if nothing has this name, or has what is asked of it; with the closest names
@@ -40,6 +41,10 @@ def find_run(text: str, to_resume: bool = False) -> str:
     if not text:
         raise KeyError("'' is a directory here, but neither a run nor a policy.")
     if is_path_of_run(text):
+        return text
+    if text.startswith(PREFIX):
+        if to_resume:
+            raise ValueError(f"'{text}' is a policy on the Hub: there is no training to go on with.")
         return text
     if _is_folder(text):
         return str(_newest(text, Path(text), to_resume))

@@ -10,12 +10,15 @@ from typing import Any
 
 import torch as th
 
+from ogmp_sb3.config.messages import did_you_mean
 from ogmp_sb3.config.plugins import loaded_plugins
 from ogmp_sb3.config.strict import check_range
 from ogmp_sb3.machine import cpu_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
 
 RECORDED = ("ogmp_sb3", "mujoco", "torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy", "control")
+TENSORBOARD = "tensorboard"
+TRACKERS = (TENSORBOARD, "wandb", "mlflow", "trackio")
 MAX_THREADS = 1024
 DEVICES = r"cpu|auto|cuda(:\d{1,3})?"
 MAX_SEED = 2**32 - 1  # of numpy's global generator, which Stable-Baselines3 seeds
@@ -47,6 +50,8 @@ class TrainConfig:
     """where the networks are: cpu, cuda, cuda:<number>, or auto (a CUDA device if there is one)"""
     videos: int | None = None
     """samples between short videos of the policy in the run's videos/, which need the extra viewer; null: none"""
+    logger: str | tuple[str, ...] | None = TENSORBOARD
+    """where the log goes beside progress.csv: tensorboard, wandb, mlflow, trackio, or several, [a,b]; null: nowhere"""
 
     def __post_init__(self) -> None:
         for name in ("total_timesteps", "num_envs", "checkpoint_interval", "keep_checkpoints"):
@@ -65,6 +70,18 @@ class TrainConfig:
             setting = getattr(self, name)
             if setting != "auto" and not (isinstance(setting, int) and 1 <= setting <= MAX_THREADS):
                 raise ValueError(f"'{name}' must be auto or a whole number from 1 to {MAX_THREADS}, found {setting!r}.")
+
+        for name in self.trackers:
+            if name not in TRACKERS:
+                raise ValueError(f"'logger' is {name!r}{did_you_mean(name, [*TRACKERS, 'null'])}")
+            if self.trackers.count(name) > 1:
+                raise ValueError(f"'logger' names {name} twice.")
+
+    @property
+    def trackers(self) -> tuple[str, ...]:
+        """Names of the trackers."""
+        names = () if self.logger is None else self.logger
+        return (names,) if isinstance(names, str) else names
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, as in the files."""

@@ -24,7 +24,7 @@ from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
 from ogmp_sb3.runs.films import FOLDER as FILMS
 from ogmp_sb3.runs.films import Films
-from ogmp_sb3.runs.logs import make_logger, say
+from ogmp_sb3.runs.logs import say
 from ogmp_sb3.runs.own_files import check_same_files, with_own_files
 from ogmp_sb3.runs.provenance import BEGAN, provenance
 from ogmp_sb3.runs.robot_copy import ROBOT, read_record
@@ -42,6 +42,8 @@ from ogmp_sb3.runs.run_directory import (
 from ogmp_sb3.runs.settings import TrainConfig, thread_count, torch_device, versions
 from ogmp_sb3.runs.signals import saved_first
 from ogmp_sb3.runs.storage import load_json, write_yaml
+from ogmp_sb3.runs.tracker_runs import TrackedTraining
+from ogmp_sb3.runs.trackers import check_installed, end_with, group_of, make_logger
 from ogmp_sb3.sb3.learner import make_model
 from ogmp_sb3.sb3.policy_average import PolicyAverage
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
@@ -120,8 +122,10 @@ def train(job: Job, resume: bool) -> float:
 
     :param resume: go on from the latest checkpoint of the run directory
     :return: mean return of the last episodes
-    :raises ValueError: if nothing can be written there, or a checkpoint to resume from is damaged
+    :raises ValueError: if nothing can be written there, a checkpoint to resume from is damaged, or the library of a
+        tracker is missing
     """
+    check_installed(job.config.trackers)
     th.set_num_threads(thread_count(job.config.torch_threads))
     try:
         job.run_dir.mkdir(parents=True, exist_ok=True)
@@ -152,12 +156,15 @@ def _train(job: Job, checkpoint: Path | None) -> float:
         origin[BEGAN] = provenance()
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
-    model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))
+    settings = {"task": job.task_data, "train": config.as_data(), "versions": origin.get("versions", {})}
+    training = TrackedTraining(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
+    model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))
     say(banner(run_dir, config, model, job.overrides or typed_at_first(run_dir)))
     if checkpoint is not None:
         say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
     with saved_first(checkpoints), closing(model.logger), closing(progress):
+        write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
         try:
             if remaining > 0:
                 model.learn(
@@ -168,6 +175,7 @@ def _train(job: Job, checkpoint: Path | None) -> float:
                 )
                 checkpoints.save_last()
             checkpoints.hand_on()
+            end_with(model.logger, checkpoints.summary())
         except StopTraining:
             checkpoints.save_last()
             say(f"\nStopped at step {model.num_timesteps}. To go on:  ogmp-train {shlex.quote(f'resume={run_dir}')}")

@@ -1,6 +1,6 @@
 """How a message names a place, a value and the closest match."""
 
-from ogmp_sb3.config.messages import Where, describe, did_you_mean
+from ogmp_sb3.config.messages import LONGEST, Where, describe, did_you_mean, first_line
 
 # ---- Where ----
 
@@ -26,6 +26,15 @@ def test_a_long_or_many_lined_value_is_shown_short_on_one_line() -> None:
     assert describe(Lines()) == "the value one two"
     assert len(describe("x" * 10_000)) < 150
     assert "\n" not in describe("a\nb")
+
+
+# ---- first_line ----
+
+
+def test_what_a_library_says_is_one_short_line() -> None:
+    assert first_line(ValueError("\n  no route to host.\nCaused by many things.")) == "no route to host"
+    assert first_line(ConnectionError()) == "ConnectionError"
+    assert len(first_line(ValueError("x" * 10_000))) == LONGEST + 3
 
 
 # ---- did_you_mean ----

@@ -34,12 +34,34 @@ def test_the_defaults_are_right_and_complete() -> None:
         ({"policy_average": 0}, "'policy_average' must be at least 1 or null, found 0"),
         ({"torch_threads": "all"}, "'torch_threads' must be auto or a whole number from 1 to 1024, found 'all'"),
         ({"device": "gpu"}, "'device' must be cpu, cuda, cuda:<number> or auto, found 'gpu'"),
+        (
+            {"logger": "wanb"},
+            "'logger' is 'wanb' .allowed: mlflow, null, .*, wandb.. Did you mean 'wandb'",
+        ),
+        ({"logger": ["mlflow", "tensorbord"]}, "'logger' is 'tensorbord' .* Did you mean 'tensorboard'"),
+        ({"logger": ["wandb", "wandb"]}, "'logger' names wandb twice"),
         ({"physics_threads": 0}, "'physics_threads' must be auto or a whole number from 1 to 1024, found 0"),
     ],
 )
 def test_a_value_out_of_range_is_a_sentence(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         read(TrainConfig, settings(**changes), Where("train.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "names"),
+    [("tensorboard", ("tensorboard",)), (["wandb", "mlflow"], ("wandb", "mlflow")), (None, ()), ([], ())],
+)
+def test_the_log_goes_to_one_tracker_or_several_or_none(setting: Any, names: tuple[str, ...]) -> None:
+    config = read(TrainConfig, settings(logger=setting), Where("train.yaml"))
+    assert config.trackers == names
+    assert config.as_data()["logger"] == setting
+
+
+@pytest.mark.parametrize("setting", [5, True, {"wandb": True}, ["wandb", None], [["wandb"]]])
+def test_what_names_no_tracker_is_a_sentence(setting: Any) -> None:
+    with pytest.raises(TypeError, match=r"^train.yaml: 'logger(\.\d)?' must be text"):
+        read(TrainConfig, settings(logger=setting), Where("train.yaml"))
 
 
 def test_auto_is_a_thread_for_each_cpu_of_this_process() -> None:

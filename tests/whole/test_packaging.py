@@ -34,6 +34,10 @@ SOLE_IMPORTERS = {
     "hydra": {"commands.train", "runs.multirun"},
     "onnx": {"commands.export.onnx_graphs"},
     "onnxruntime": {"commands.export"},
+    "wandb": {"runs.tracker_runs"},
+    "mlflow": {"runs.tracker_runs"},
+    "trackio": {"runs.tracker_runs"},
+    "huggingface_hub": {"runs.hub"},
 }
 
 DISTRIBUTIONS = {
@@ -43,6 +47,8 @@ DISTRIBUTIONS = {
     "hydra": "hydra-core",
     "yaml": "pyyaml",
     "PIL": "pillow",
+    "mlflow": "mlflow-skinny",
+    "huggingface_hub": "huggingface-hub",
     "imageio_ffmpeg": "imageio-ffmpeg",
 }
 """Distributions that are called otherwise than the module they install."""

@@ -24,6 +24,7 @@ from ogmp_sb3.config.yaml_files import apply_overrides, resolved
 from ogmp_sb3.guidance.latent import encoder_dir
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.runs.settings import TrainConfig
+from ogmp_sb3.runs.trackers import check_installed
 from ogmp_sb3.runs.training import Job
 
 
@@ -80,6 +81,7 @@ def _read_job(config: DictConfig, overrides: list[str], run_dir: Path) -> Job:
     task = _with_encoder(task_from_data(data, path))
     settings = read(TrainConfig, values, Where(PROGRAM))
     check_films(settings)
+    check_installed(settings.trackers)
     return Job(task=task, task_data=data, config=settings, run_dir=run_dir, overrides=tuple(overrides))
 
 

@@ -22,6 +22,7 @@ Examples:
   ogmp-train task=path/to/my_task.yaml
   ogmp-train task=my_task --config-dir path/to/dir          (reads path/to/dir/task/my_task.yaml)
   ogmp-train task=parkour modes.jump.h=[0.1,0.2] curriculum=null
+  ogmp-train task=parkour logger=[tensorboard,wandb]         (also mlflow, trackio)
   ogmp-train -m task=parkour rho=0.1,0.3,0.5 oracle=linear,lqr,preview
   ogmp-train -m +experiment=rho task=parkour
   ogmp-train -m +search=rho task=parkour
@@ -61,7 +62,8 @@ def _keys() -> list[tuple[str, str]]:
         *_fields(PPOConfig, defaults["ppo"], "ppo."),
         (
             "resume",
-            "run to go on with: its directory, latest, or part of its name; length, checkpoints, threads may change",
+            "run to go on with: its directory, latest, or part of its name; samples, checkpoints, threads, device, "
+            "logger and videos may change",
         ),
         ("hydra.run.dir", "the run directory (default runs/<task>/<time>)"),
         ("hydra.sweep.dir", "directory for the runs of -m (default runs/sweeps/<time>)"),

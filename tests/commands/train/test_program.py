@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
 import os
 import re
@@ -30,6 +31,7 @@ from ogmp_sb3.runs.callbacks import EpisodeStatistics
 from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import checkpoint_dirs
+from ogmp_sb3.runs.tracker_runs import RUNS
 
 UMASK = 0o026  # of the user whose files are looked at: another than usual
 
@@ -272,6 +274,37 @@ def test_a_users_mistake_is_a_sentence_without_a_traceback(arguments, sentence, 
     assert done.returncode != 0
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_tracker_whose_library_is_missing_is_a_sentence_before_anything_is_written(
+    resumed: bool, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *_: None if name == "wandb" else find(name))
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.name != "train.log"}
+    what = [f"resume={run}", "total_timesteps=9999"] if resumed else ["task=dive"]
+    done = program("train", *what, "logger=[tensorboard,wandb]", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "ogmp-train: 'logger' is wandb, whose package is missing: pip install \"ogmp_sb3[wandb]\".\n"
+    )
+    assert not list(tmp_path.iterdir())
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+
+def test_a_tracker_that_cannot_begin_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unreachable:
+        def begin(self, *_: object) -> None:
+            raise ConnectionError("no route to host")
+
+    monkeypatch.setitem(RUNS, "wandb", Unreachable)
+    monkeypatch.setattr("ogmp_sb3.runs.training.check_installed", lambda names: None)
+    monkeypatch.setattr("ogmp_sb3.commands.train.jobs.check_installed", lambda names: None)
+    done = program("train", "task=dive", *SMALL, "logger=wandb", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'logger': wandb could not begin a run (no route to host). To train without it: logger=null" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_two_tasks_of_one_name_are_refused(tmp_path: Path) -> None:
