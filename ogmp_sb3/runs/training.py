@@ -155,7 +155,6 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     else:
         origin[BEGAN] = provenance()
     command = {"overrides": list(job.overrides)} if job.overrides else {}
-    write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     settings = {"task": job.task_data, "train": config.as_data(), "versions": origin.get("versions", {})}
     training = TrackedTraining(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
     model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))

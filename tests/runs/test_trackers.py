@@ -12,7 +12,7 @@ import pytest
 from stable_baselines3.common.logger import Logger
 
 from ogmp_sb3.runs.logs import STEP_COLUMN, TensorBoardWriter
-from ogmp_sb3.runs.multirun import MULTIRUN
+from ogmp_sb3.runs.run_directory import MULTIRUN
 from ogmp_sb3.runs.tracker_runs import RUNS, TrackedTraining
 from ogmp_sb3.runs.trackers import check_installed, end_with, group_of, make_logger
 

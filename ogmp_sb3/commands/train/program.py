@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import hydra
@@ -18,9 +19,12 @@ from ogmp_sb3.commands.train.command_line import PROGRAM, checked, joined, run_h
 from ogmp_sb3.commands.train.composition import register_composition
 from ogmp_sb3.commands.train.failures import tell_failures
 from ogmp_sb3.commands.train.jobs import check_films, read_job, warn_of_encoder
-from ogmp_sb3.commands.train.search import check_one_task, expanded, register_sweeper
+from ogmp_sb3.commands.train.optuna_search import OptunaSweeper, with_folder
+from ogmp_sb3.commands.train.search import HALVING, HalvingSweeper, check_one_task, expanded
 from ogmp_sb3.commands.train.start import remove_unused
+from ogmp_sb3.commands.train.sweeper import register_sweepers
 from ogmp_sb3.commands.train.tasks import register_tasks, registered_data
+from ogmp_sb3.commands.train.trials import SearchConfig
 from ogmp_sb3.commands.train.usage import usage
 from ogmp_sb3.config.catalogue import find
 from ogmp_sb3.config.load import task_from_data
@@ -91,9 +95,9 @@ def _resume(arguments: list[str]) -> None:
 
 def _train(arguments: list[str]) -> None:
     """Run Hydra with a command line."""
-    register_sweeper()
+    register_sweepers({"halving": (HalvingSweeper, HALVING), "optuna": (OptunaSweeper, asdict(SearchConfig()))})
     register_composition()
-    arguments, names = register_tasks(expanded(joined(arguments)))
+    arguments, names = register_tasks(with_folder(expanded(joined(arguments))))
     check_one_task(arguments, names)
     sys.argv[1:] = checked(arguments, registered_data(names))
     try:

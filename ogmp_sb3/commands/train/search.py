@@ -11,41 +11,32 @@ It is a sweeper of Hydra's, ``hydra/sweeper=halving``, and runs its jobs on what
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, ValueType
-from hydra.core.plugins import Plugins
-from hydra.plugins.launcher import Launcher
-from hydra.plugins.sweeper import Sweeper
-from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, OmegaConf
 from rich.table import Table
 
 from ogmp_sb3.commands import cli
-from ogmp_sb3.config.messages import Where
-from ogmp_sb3.config.strict import read
+from ogmp_sb3.commands.train.sweeper import ANOTHER, BUDGET, HOME, SearchSweeper
 from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.result_cache import ResultCache
 from ogmp_sb3.runs.multirun import plain_key
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import FAILURE, MULTIRUN, Run, read_run
+from ogmp_sb3.runs.run_directory import Run, read_run
 
 ROUNDS = 4  # how often jobs train and are compared; the last trains total_timesteps, each before it half of the next
 EPISODES = 32  # of the test protocol, to compare jobs by
+HALVING = {"key": "rho", "rounds": ROUNDS, "episodes": EPISODES}  # the settings of the sweeper
 VALUES = {"rho": "0.05,0.1,0.2,0.3,0.4,0.5,0.6,0.8"}  # of keys that a command line need not give values
 STREAM: Stream = "selection"  # of its episodes: what is reported of the jobs is measured on others
 SCORES = "halving.jsonl"  # in the directory of the search
 SHORT = "+search="
 SWEEPER = "hydra/sweeper=halving"
-HOME = "hydra._internal.core_plugins.ogmp_sb3"  # Hydra takes plug-ins from its own packages alone
-BUDGET = "total_timesteps"  # the key that the search sets for every round
+SEARCHES = (SWEEPER, "hydra/sweeper=optuna")
 
 
 def expanded(arguments: list[str]) -> list[str]:
@@ -69,7 +60,7 @@ def expanded(arguments: list[str]) -> list[str]:
     return [*rest, *words]
 
 
-class HalvingSweeper(Sweeper):
+class HalvingSweeper(SearchSweeper):
     """Hydra makes it from ``hydra.sweeper``.
 
     :param key: what varies, e.g. ``rho``; a key of the task with or without ``task.``
@@ -80,21 +71,9 @@ class HalvingSweeper(Sweeper):
 
     __module__ = HOME
 
-    config: DictConfig
-    launcher: Launcher
-
     def __init__(self, key: str, rounds: int, episodes: int, params: Mapping[str, str]) -> None:
-        self.key = plain_key(key)
-        self.rounds, self.episodes, self.params = rounds, episodes, params
-        self.launched = 0
-
-    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """What Hydra hands over before the sweep."""
-        sys.modules.pop(HOME, None)  # processes that a launcher starts do not find it: they get the class itself
-        self.hydra_context, self.config = hydra_context, config
-        self.launcher = Plugins.instance().instantiate_launcher(
-            hydra_context=hydra_context, task_function=task_function, config=config
-        )
+        super().__init__(params)
+        self.key, self.rounds, self.episodes = plain_key(key), rounds, episodes
 
     def sweep(self, arguments: list[str]) -> None:
         """Run the search; one that was killed goes on with the same command.
@@ -102,17 +81,12 @@ class HalvingSweeper(Sweeper):
         :param arguments: the command line without what is Hydra's own
         :raises ValueError: if there are no values to compare, or not plain ones
         """
-        command_line = OverridesParser.create().parse_overrides(arguments)
-        typed = {plain_key(override.key_or_group) for override in command_line}
-        params = [f"{key}={value}" for key, value in self.params.items() if plain_key(key) not in typed]
-        overrides = [*OverridesParser.create().parse_overrides(params), *command_line]
+        overrides = self._overrides(arguments, OverridesParser.create())
         self._check(overrides)
         total = self._total(overrides)
         grid = self._grid(overrides)
         values = list(dict.fromkeys(value for value, _ in grid))
-        folder = Path(self.config.hydra.sweep.dir)
-        folder.mkdir(parents=True, exist_ok=True)
-        OmegaConf.save(self.config, folder / MULTIRUN)
+        folder = self._folder()
         first: list[Run] = []
         for left in reversed(range(self.rounds)):
             budget = total // 2**left
@@ -147,44 +121,23 @@ class HalvingSweeper(Sweeper):
         pairs = [{plain_key(text.partition("=")[0]): text.partition("=")[2] for text in job} for job in jobs]
         return [(pair[self.key], job) for pair, job in zip(pairs, jobs, strict=True)]
 
-    def _total(self, overrides: Sequence[Override]) -> int:
-        """Samples of a job of the last round."""
-        totals = [override for override in overrides if override.key_or_group == BUDGET]
-        value = totals[-1].get_value_string() if totals and totals[-1].is_sweep_override() else self.config[BUDGET]
-        return int(read(int, value, Where("ogmp-train", BUDGET)))
-
     def _train(self, grid: list[tuple[str, list[str]]], samples: int) -> dict[str, list[Run]]:
         """Run jobs on the launcher.
 
         :param grid: value and command line of each
         :return: the jobs of every value; a value of which one failed is out
         """
-        batch = [[*job, f"{BUDGET}={samples}"] for _, job in grid]
-        self.validate_batch_is_legal(batch)
-        results = self.launcher.launch(batch, initial_job_idx=self.launched)
-        self.launched += len(batch)
-        folders: dict[str, list[Path]] = {}
-        for (value, _), result in zip(grid, results, strict=True):
-            _ = result.return_value  # raises what a job raised
-            folder = Path(result.hydra_cfg.hydra.runtime.output_dir)  # type: ignore[union-attr]
-            folders.setdefault(value, []).append(folder)
-        right = {v: paths for v, paths in folders.items() if not any((path / FAILURE).is_file() for path in paths)}
-        return {value: [read_run(path) for path in paths] for value, paths in right.items()}
+        folders = self._launch([[*job, f"{BUDGET}={samples}"] for _, job in grid])
+        jobs: dict[str, list[Path | None]] = {}
+        for (value, _), folder in zip(grid, folders, strict=True):
+            jobs.setdefault(value, []).append(folder)
+        return {value: [read_run(path) for path in paths if path] for value, paths in jobs.items() if all(paths)}
 
 
 def check_one_task(arguments: list[str], tasks: list[str]) -> None:
     """:raises ValueError: if a search is over several tasks, whose objectives cannot be compared"""
-    if len(tasks) > 1 and SWEEPER in arguments:
+    if len(tasks) > 1 and not set(SEARCHES).isdisjoint(arguments):
         raise ValueError(f"a search compares values on one task, found {len(tasks)}: search on each of them.")
-
-
-def register_sweeper() -> None:
-    """Make the search known to Hydra."""
-    Plugins.instance().register(HalvingSweeper)
-    sys.modules[HOME] = sys.modules[__name__]
-    target = f"{HalvingSweeper.__module__}.{HalvingSweeper.__name__}"
-    node: dict[str, Any] = {"_target_": target, "key": "rho", "rounds": ROUNDS, "episodes": EPISODES, "params": {}}
-    ConfigStore.instance().store(group="hydra/sweeper", name="halving", node=node, provider="ogmp_sb3")
 
 
 def _ranked(
@@ -201,17 +154,30 @@ def _ranked(
     for value, of_value in jobs.items():
         scores = []
         for job in of_value:
-            name = job.path.resolve().relative_to(folder.resolve()).as_posix()
-            settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes}
-            settings["stream"] = STREAM
-            if settings not in known and _is_beyond(job, samples):
-                raise ValueError(
-                    f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
-                    f"{samples:,}. Choose another directory: hydra.sweep.dir=..."
-                )
-            scores.append(known.remember(settings, lambda job=job: _score(job, episodes)))  # type: ignore[misc]
+            scores.append(scored(known, folder, job, samples, episodes))
         ranked.append((np.mean(scores, axis=0).tolist(), value))
     return sorted(ranked, reverse=True, key=lambda entry: entry[0])
+
+
+def scored(known: ResultCache, folder: Path, job: Run, samples: int, episodes: int) -> list[float]:
+    """What a job is ranked by; computed now if it is not known.
+
+    :param known: scores of the search
+    :param folder: of the search
+    :param job: which has trained
+    :param samples: so many
+    :param episodes: of the test protocol
+    :raises ValueError: if it has trained on more, and the score is not known
+    """
+    name = job.path.resolve().relative_to(folder.resolve()).as_posix()
+    settings = {"job": name, "run": job.fingerprint, "samples": samples, "episodes": episodes, "stream": STREAM}
+    if settings not in known and _is_beyond(job, samples):
+        raise ValueError(
+            f"{job.path}: trained on {job.samples:,} samples already, where this search compares after "
+            f"{samples:,}. {ANOTHER}"
+        )
+    scores: list[float] = known.remember(settings, lambda: _score(job, episodes))
+    return scores
 
 
 def _is_beyond(job: Run, samples: int) -> bool:

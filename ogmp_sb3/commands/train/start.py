@@ -90,17 +90,30 @@ def _check_jobs(config: DictConfig) -> None:
     """
     first: Exception | None = None
     for number, overrides in enumerate(_jobs(config)):
-        try:
-            job = GlobalHydra.instance().config_loader().load_sweep_config(config, overrides)
-            with open_dict(job.hydra.job):
-                job.hydra.job.num, job.hydra.job.id = number, str(number)
-            with _current(job) as current:
-                read_job(current, Path())
+        found = mistake(config, overrides, number)
+        if found is None:
             return
-        except (HydraException, OmegaConfBaseException, *cli.MISTAKES) as error:
-            first = first or error
+        first = first or found
     if first is not None:
         raise first
+
+
+def mistake(config: DictConfig, overrides: list[str], number: int = 0) -> Exception | None:
+    """What is wrong with a job of a multirun, None if nothing is.
+
+    :param config: of the multirun
+    :param overrides: the command line of the job
+    :param number: of the job
+    """
+    try:
+        job = GlobalHydra.instance().config_loader().load_sweep_config(config, overrides)
+        with open_dict(job.hydra.job):
+            job.hydra.job.num, job.hydra.job.id = number, str(number)
+        with _current(job) as current:
+            read_job(current, Path())
+    except (HydraException, OmegaConfBaseException, *cli.MISTAKES) as error:
+        return error
+    return None
 
 
 def _jobs(config: DictConfig) -> list[list[str]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.commands.train.command_line import PAPER
+from ogmp_sb3.commands.train.trials import SearchConfig
 from ogmp_sb3.config import catalogue
 from ogmp_sb3.config.editor_schema import field_texts
 from ogmp_sb3.config.yaml_files import read_yaml
@@ -26,6 +28,7 @@ Examples:
   ogmp-train -m task=parkour rho=0.1,0.3,0.5 oracle=linear,lqr,preview
   ogmp-train -m +experiment=rho task=parkour
   ogmp-train -m +search=rho task=parkour
+  ogmp-train -m hydra/sweeper=optuna task=parkour 'rho=interval(0.2,0.8)' oracle=lqr,preview
   ogmp-train resume=runs/parkour/2026-01-31_12-00-00        (goes on where that run stopped)
   ogmp-train resume=latest total_timesteps=30000000
 """
@@ -48,6 +51,7 @@ def _options() -> list[tuple[str, str]]:
         ("+experiment=<name>", f"with -m, a ready sweep: {', '.join(experiments)}"),
         ("+experiment=paper/<task>", f"the settings of the paper: {', '.join(of_paper)}"),
         ("+search=<key>", "successive halving over the values of a key: the better half trains on, twice as long"),
+        ("hydra/sweeper=optuna", "with -m, a search over intervals and choices of any keys; poor trials stop early"),
         ("--config-dir <dir>", "where else task=<name> is looked for: <dir>/task/<name>.yaml"),
         ("--cfg job", "print the settings instead of training"),
         ("--hydra-help", "the options of Hydra, which reads this command line"),
@@ -67,7 +71,17 @@ def _keys() -> list[tuple[str, str]]:
         ),
         ("hydra.run.dir", "the run directory (default runs/<task>/<time>)"),
         ("hydra.sweep.dir", "directory for the runs of -m (default runs/sweeps/<time>)"),
+        *((f"hydra.sweeper.{name}", text) for name, text in _settings()),
         ("hydra/launcher", "where the runs of -m train: basic, joblib, submitit_slurm, ray (default basic)"),
+    ]
+
+
+def _settings() -> list[tuple[str, str]]:
+    """Settings of the search by Optuna."""
+    defaults = asdict(SearchConfig())
+    return [
+        (name, f"of hydra/sweeper=optuna: {text} (default {cli.shown(defaults[name])})")
+        for name, text in field_texts(SearchConfig).items()
     ]
 
 

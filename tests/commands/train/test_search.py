@@ -56,7 +56,8 @@ def run(tmp_path: Path, *arguments: str) -> None:
     """A search over rho, by the words that ``+search=rho`` is short for."""
     words = expanded(["+search=rho", "task=parkour", "total_timesteps=800", *arguments])
     sweeper = HalvingSweeper("rho", ROUNDS, EPISODES, {})
-    sweep = {"hydra": {"sweep": {"dir": str(tmp_path / "search")}}, "total_timesteps": 800}
+    hydra = {"sweep": {"dir": str(tmp_path / "search")}, "sweeper": {"_target_": "HalvingSweeper"}}
+    sweep = {"hydra": hydra, "total_timesteps": 800}
     sweeper.config = OmegaConf.create(sweep)
     sweeper.sweep([word for word in words if word != "-m" and not word.startswith("hydra")])
 

@@ -171,15 +171,3 @@ def test_a_job_that_failed_has_no_value_and_one_that_did_not_has_a_number(
     done = program("train", "-m", "task=dive", "rho=0.1,-1,0.2", "hydra.sweep.dir=sweep", cwd=tmp_path)
     assert returned == [None, None, 2.5]
     assert done.stderr.startswith("ogmp-train: ") and "'rho' must be above 0" in done.stderr
-
-
-def test_one_bad_job_does_not_end_a_search_by_optuna(started: list[Job], tmp_path: Path) -> None:
-    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper", reason="the search needs hydra-optuna-sweeper")
-    words = ["hydra/sweeper=optuna", "hydra.sweeper.n_trials=6", "hydra.sweeper.n_jobs=1", "rho=choice(-1,0.5)"]
-    done = program("train", "-m", "task=dive", *words, "hydra.sweep.dir=sweep", cwd=tmp_path)
-    assert done.returncode == 2 and "'rho' must be above 0" in done.stderr
-    assert started and {job.task.rho for job in started} == {0.5}
-    done = program("train", "-m", "task=dive", *words[:3], "rho=choice(-1,-2)", "hydra.sweep.dir=other", cwd=tmp_path)
-    assert done.returncode == 2 and "'rho' must be above 0" in done.stderr  # and not only that there is no best
-    best = yaml.safe_load((tmp_path / "sweep" / "optimization_results.yaml").read_text())
-    assert best["best_params"] == {"rho": 0.5}
