@@ -145,17 +145,19 @@ def _write_page(config: PlayConfig, overrides: list[str], folder: Path) -> Path:
     check_folder(folder)
     task, policy = load(config, overrides)
     cli.check_out(folder, "web")
-    page, scene = folder / INDEX, f", scene {config.scene}" if config.scene else ""
+    page = folder / INDEX
+    what = [f"{task.oracle} oracle", "no bound" if task.rho is None else f"rho {task.rho:g}"]
+    what += [f"scene {config.scene}"] if config.scene else []
     if policy is None:
         episodes = oracle_episodes(_played(Player(task, None, config.seed), config.seconds), config.seed)
-        write_replay(page, task, episodes, f"{task.name}: the {task.oracle} oracle", f"no physics{scene}")
+        write_replay(page, task, episodes, f"{task.name}: the oracle alone", ", ".join(what))
         return page
     tested, count = task.for_evaluation(), config.episodes or EPISODES
     with steps_bar((count + RECORDED) * tested.episode_steps) as bar:
         episodes = record_chosen(policy, tested, count, config.seed, bar.update)
         bar.update(bar.total - bar.n)  # fewer may have been chosen
     chosen = f"{len(episodes)} of {count} test episodes, chosen by return"
-    write_replay(page, task, episodes, f"{task.name}: {config.run}", f"{chosen}{scene}")
+    write_replay(page, task, episodes, task.name, ", ".join([f"run {config.run}", *what, chosen]))
     return page
 
 

@@ -117,7 +117,8 @@ def replay_data(task: TaskConfig, episodes: Sequence[RecordedEpisode]) -> tuple[
     :param episodes: at least one
     :return: plain data, which names arrays by their number in its ``arrays``, and their bytes
     """
-    arrays, bodies, charts = Arrays(), Bodies(task), charts_of(task)
+    arrays, bodies = Arrays(), Bodies(task)
+    charts = charts_of(task, with_robot=any(len(episode.frames[0].robot) for episode in episodes))
     bound = bound_mesh(task)
     data: dict[str, Any] = {
         "format": FORMAT,
@@ -138,8 +139,11 @@ def replay_data(task: TaskConfig, episodes: Sequence[RecordedEpisode]) -> tuple[
     return {**data, "arrays": arrays.table}, bytes(arrays.data)
 
 
-def charts_of(task: TaskConfig) -> list[Chart]:
-    """What is plotted beside the scene: height, speed against what is asked, and the deviation against the bound."""
+def charts_of(task: TaskConfig, with_robot: bool) -> list[Chart]:
+    """What is plotted beside the scene: height, speed against what is asked, and the deviation against the bound.
+
+    :param with_robot: False: only the oracle plays, and there is only the reference
+    """
     height = Chart(
         "Height of the base, m",
         (
@@ -161,7 +165,9 @@ def charts_of(task: TaskConfig) -> list[Chart]:
     else:
         limit = Line("bound", LIMIT, lambda _: 1.0)
         deviation = Chart("Deviation / rho", (limit, Line("robot", ROBOT, lambda f: f.deviation / rho)))
-    return [height, speed, deviation]
+    if with_robot:
+        return [height, speed, deviation]
+    return [Chart(chart.title, tuple(line for line in chart.lines if line.style != ROBOT)) for chart in (height, speed)]
 
 
 def _robot(arrays: Arrays, bodies: Bodies) -> dict[str, Any]:

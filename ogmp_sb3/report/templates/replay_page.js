@@ -88,16 +88,15 @@ class Replay {
     find("scrub").max = duration;
     find("detail").textContent = this.episode.detail;
     for (const [i, tab] of [...find("episodes").children].entries()) tab.setAttribute("aria-selected", i === number);
-    const modes = this.episode.modes.map((mode, i) => ({
-      ...mode,
-      from: mode.start * DATA.control_dt,
-      to: (this.episode.modes[i + 1]?.start ?? this.episode.steps - 1) * DATA.control_dt,
-      colour: this.modeColours[mode.name],
-    }));
+    const modes = this.episode.modes.map((mode, i) => {
+      const end = this.episode.modes[i + 1]?.start ?? this.episode.steps - 1;
+      const from = mode.start * DATA.control_dt, to = end * DATA.control_dt;
+      return {...mode, steps: end - mode.start, from, to, colour: this.modeColours[mode.name]};
+    });
     this.modes = modes;
     find("modes").replaceChildren(...modes.map((mode) => {
       const part = document.createElement("span");
-      part.style.cssText = `flex: ${Math.max(mode.to - mode.from, 0)} 0 0; background: ${mode.colour}`;
+      part.style.cssText = `flex: ${mode.steps} 0 0; background: ${mode.colour}`;
       part.textContent = mode.name;
       part.title = mode.text;
       part.addEventListener("click", () => { this.time = mode.from; });
@@ -180,6 +179,7 @@ class Replay {
       find(name).addEventListener("change", (event) => { this.show[name] = event.target.checked; });
     }
     find("bound").parentElement.hidden = DATA.bound === null;
+    find("ghost").parentElement.hidden = this.episodes.every((episode) => episode.robot === null);
     find("follow").addEventListener("change", (event) => { this.follow = event.target.checked; });
     for (const [i, tab] of [...find("episodes").children].entries()) {
       tab.addEventListener("click", () => { this.choose(i); this.playing = true; });

@@ -51,9 +51,9 @@ void main() {
     float shine = pow(max(dot(reflect(-sun, n), towards), 0.0), 24.0);
     seen += 0.12 * brightness * shine + 0.05 * rim;
   } else {
-    float off = abs(fract(world.x / LINE.x + 0.5) - 0.5) * LINE.x, soft = fwidth(world.x);
+    float off = abs(fract(world.x / LINE.x + 0.5) - 0.5) * LINE.x, soft = 0.0014 * distance(eye, world);
     float line = n.z > 0.9 ? 1.0 - smoothstep(LINE.y, LINE.y + soft, off) : 0.0;
-    seen *= 1.0 - 0.30 * line / (1.0 + 40.0 * soft);
+    seen *= 1.0 - 0.24 * line / (1.0 + 40.0 * soft);
     alpha = 1.0 - smoothstep(FOG.x, FOG.y, distance(eye, world));
   }
   pixel = vec4(min(seen, 1.0), 1.0) * alpha;
@@ -73,7 +73,7 @@ const SUN = unit([-0.42, -0.46, 0.9]);
 const SHADE_SIZE = 1024, SHADE_REACH = 1.7;  // texels, m around the robot in which shadows fall
 const FIELD = 0.66;  // rad: the vertical field of view
 const CREASE = Math.cos(0.6);  // faces that meet at less than 0.6 rad are shaded as one
-const GHOST_ALPHA = 0.2, BOUND_ALPHA = 0.17, DOT = 0.011;  // m: radius of the knots of the plan
+const GHOST_ALPHA = 0.2, ALONE_ALPHA = 0.6, BOUND_ALPHA = 0.17, DOT = 0.011;  // m: radius of the knots of the plan
 const INSIDE = [0.2, 0.67, 0.35], OUTSIDE = [0.86, 0.2, 0.16];
 
 class Scene {
@@ -91,7 +91,7 @@ class Scene {
       {body: geom.body, mesh: meshes[geom.mesh], place: matrix(geom.pose), colour: [...geom.colour, 1]}
     ));
     this.ghostBodies = matrices(ghost);
-    this.ghostColour = [...ghostColour, GHOST_ALPHA];
+    this.ghostColour = ghostColour;
     this.bound = bound && this.mesh(bound.vertices, bound.faces);
     this.box = this.mesh(box.vertices, box.faces);
     this.dot = this.mesh(dot.vertices, dot.faces);
@@ -117,7 +117,7 @@ class Scene {
     gl.useProgram(this.shadeProgram.program);
     this.at = this.shadeProgram.at;
     gl.uniformMatrix4fv(this.at.camera, false, light);
-    if (bodies) this.drawBodies(bodies);
+    this.drawBodies(bodies ?? ghost);
     for (const place of ground) this.drawMesh(this.box, place);
 
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -135,31 +135,34 @@ class Scene {
     if (view.show.plan) {
       for (let i = 0; i < moment.plan.length; i += 3) {
         const place = scaled(moment.plan.subarray(i, i + 3), [DOT, DOT, DOT]);
-        this.drawMesh(this.dot, place, SOLID, [...this.ghostColour.slice(0, 3), 1]);
+        this.drawMesh(this.dot, place, SOLID, [...this.ghostColour, 1]);
       }
     }
     gl.enable(gl.BLEND);
     gl.uniform1f(this.at.brightness, view.brightness);
+    gl.enable(gl.CULL_FACE);  // or the edges of a box would shine through another whose top is as high
     moment.ground.forEach((box, i) => this.drawMesh(this.box, ground[i], GROUND, [...box.colour, 1]));
+    gl.disable(gl.CULL_FACE);
     if (this.bound && view.show.bound) {
       gl.depthMask(false);
       const place = matrix([...moment.ghost.slice(0, 3), 1, 0, 0, 0]);
       this.drawMesh(this.bound, place, BOUND, [...(moment.inside ? INSIDE : OUTSIDE), BOUND_ALPHA]);
       gl.depthMask(true);
     }
-    if (view.show.ghost || !bodies) this.drawGhost(ghost);
+    if (!bodies) this.drawGhost(ghost, ALONE_ALPHA);
+    else if (view.show.ghost) this.drawGhost(ghost, GHOST_ALPHA);
     gl.disable(gl.BLEND);
   }
 
   // Only the nearest surface of the ghost is seen, and where it coincides with the robot's, the robot's is.
-  drawGhost(ghost) {
-    const gl = this.gl;
+  drawGhost(ghost, alpha) {
+    const gl = this.gl, colour = [...this.ghostColour, alpha];
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.colorMask(false, false, false, false);
-    this.drawBodies(ghost, GHOST, this.ghostColour);
+    this.drawBodies(ghost, GHOST, colour);
     gl.colorMask(true, true, true, true);
     gl.depthFunc(gl.LEQUAL);
-    this.drawBodies(ghost, GHOST, this.ghostColour);
+    this.drawBodies(ghost, GHOST, colour);
     gl.depthFunc(gl.LESS);
     gl.disable(gl.POLYGON_OFFSET_FILL);
   }
@@ -199,8 +202,8 @@ class Scene {
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADE_SIZE, SHADE_SIZE);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_COMPARE_MODE, gl.COMPARE_REF_TO_TEXTURE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
+    for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
     this.shadeBuffer = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadeBuffer);
     const texture = gl.getParameter(gl.TEXTURE_BINDING_2D);
