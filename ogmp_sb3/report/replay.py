@@ -36,8 +36,8 @@ def write_replay(
     if size > MOST_BYTES:
         longest = max(len(episode.frames) for episode in episodes) - 1
         raise ValueError(
-            f"'{path}' would be of {size / 1e6:.0f} MB, and a replay may be of {MOST_BYTES / 1e6:.0f} MB at most: "
-            f"record fewer than {len(episodes)} episodes, or shorter ones than {longest} control steps."
+            f"'{path}' would be of {size / 1e6:.1f} MB, and a replay may be of {MOST_BYTES / 1e6:.1f} MB at most: "
+            f"show fewer or shorter episodes (found {len(episodes)}, of up to {longest} control steps)."
         )
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:

@@ -106,7 +106,7 @@ class Replay {
   }
 
   tick(now) {
-    const passed = Math.min((now - this.last) / 1000, 0.1);
+    const passed = Math.min(Math.max((now - this.last) / 1000, 0), 0.1);  // the first frame may be of before the start
     this.last = now;
     if (this.playing && !this.held) {
       this.time += passed * this.rate;
