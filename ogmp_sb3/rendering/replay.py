@@ -19,9 +19,11 @@ from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_rotate
 from ogmp_sb3.guidance.terrain import NOTHING, geom_boxes
 from ogmp_sb3.rendering.frame import GHOST_COLOUR, Colour, Frame, ground_colours, join_terrain
-from ogmp_sb3.rendering.shapes import Mesh, bound_mesh, box, geom_colour, geom_mesh, sphere, visible_geoms
+from ogmp_sb3.rendering.shapes import Mesh, bound_mesh, box, clustered, geom_colour, geom_mesh, sphere, visible_geoms
 
 FORMAT = 1
+MOST_FACES = 50_000  # of a robot's shapes together: a phone draws them, and their bytes are a few megabytes
+FINEST = 0.001  # m: width of the cells in which the vertices of a robot with more faces become one, at first
 ROBOT, REFERENCE, GROUND, LIMIT = "robot", "reference", "ground", "limit"  # how a line of a chart is drawn
 
 
@@ -86,6 +88,7 @@ class Bodies:
         self.geoms = visible_geoms(self.model)
         self.base = self.model.body(task.robot_config.base).id
         self.ids = np.unique(self.model.geom_bodyid[self.geoms])
+        self.height = task.robot_config.nominal_height
         self._data = mujoco.MjData(self.model)
 
     def poses(self, qpos: np.ndarray) -> np.ndarray:
@@ -175,19 +178,30 @@ def _robot(arrays: Arrays, bodies: Bodies) -> dict[str, Any]:
     model = bodies.model
     meshes: dict[tuple[Any, ...], int] = {}
     geoms: list[dict[str, Any]] = []
-    stored: list[dict[str, int]] = []
+    shapes: list[Mesh] = []
     for geom in bodies.geoms:
         kind = (int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom].tolist())
         if kind not in meshes:
-            meshes[kind] = len(stored)
-            stored.append(_mesh(arrays, geom_mesh(model, geom)))
+            meshes[kind] = len(shapes)
+            shapes.append(geom_mesh(model, geom))
         geoms.append({
             "body": int(np.searchsorted(bodies.ids, model.geom_bodyid[geom])),
             "mesh": meshes[kind],
             "pose": [*model.geom_pos[geom].round(6).tolist(), *model.geom_quat[geom].round(7).tolist()],
             "colour": geom_colour(model, geom).round(4).tolist(),
         })  # fmt: skip
-    return {"bodies": len(bodies.ids), "meshes": stored, "geoms": geoms}
+    stored = [_mesh(arrays, shape) for shape in coarse_enough(shapes)]
+    return {"bodies": len(bodies.ids), "height": bodies.height, "meshes": stored, "geoms": geoms}
+
+
+def coarse_enough(shapes: list[Mesh]) -> list[Mesh]:
+    """The shapes of a robot with at most :data:`MOST_FACES` faces together, those with few as they are."""
+    cell, coarser = FINEST, shapes
+    while sum(len(shape.faces) for shape in coarser) > MOST_FACES:
+        fair = MOST_FACES // len(shapes)
+        coarser = [shape if len(shape.faces) <= fair else clustered(shape, cell) for shape in shapes]
+        cell *= 1.25
+    return coarser
 
 
 def _mesh(arrays: Arrays, mesh: Mesh) -> dict[str, int]:

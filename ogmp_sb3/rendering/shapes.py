@@ -28,6 +28,20 @@ class Mesh(NamedTuple):
         return Mesh(self.vertices * factors, self.faces)
 
 
+def clustered(mesh: Mesh, cell: float) -> Mesh:
+    """A coarser mesh: the vertices in a cell of a grid become one, their mean; triangles within a cell go.
+
+    :param cell: width of a cell, m
+    """
+    cells, place = np.unique(np.round(mesh.vertices / cell).astype(int), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    count = np.bincount(place)
+    sums = [np.bincount(place, axis, len(cells)) for axis in mesh.vertices.T]
+    faces = place[mesh.faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return Mesh(np.stack(sums, axis=1) / count[:, None], faces[whole])
+
+
 def visible_geoms(model: mujoco.MjModel) -> list[int]:
     """The geoms of a robot that are drawn."""
     drawn = np.isin(model.geom_group, VISIBLE_GROUPS) & (model.geom_bodyid > 0)

@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 from helpers.players import still_player
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.rendering import replay
 from ogmp_sb3.rendering.frame import Frame
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.replay import Arrays, RecordedEpisode, replay_data
+from ogmp_sb3.rendering.shapes import box, sphere
 
 STEPS = 25
 
@@ -168,6 +170,18 @@ def test_only_what_a_rule_ended_before_its_time_has_fallen(
 ) -> None:
     episode = Recording(task, [frames[0], replace(frames[1], ended=ended)]).episode
     assert (episode["fell"], episode["ended"]) == (fell, ended.replace("_", " "))
+
+
+def test_a_robot_of_many_faces_is_drawn_with_fewer_and_keeps_its_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "MOST_FACES", 600)
+    ball, small = sphere().scaled(0.05), box()
+    coarse, same = replay.coarse_enough([ball, small])
+    assert same is small
+    assert len(ball.faces) > 600 - len(small.faces) >= len(coarse.faces) > 200
+    radius = np.linalg.norm(coarse.vertices, axis=1)
+    assert 0.045 < radius.min() and radius.max() < 0.0501
+    edges = np.concatenate([coarse.faces[:, [0, 1]], coarse.faces[:, [1, 2]], coarse.faces[:, [2, 0]]]).tolist()
+    assert {(a, b) for a, b in edges} == {(b, a) for a, b in edges}  # still closed
 
 
 def test_arrays_begin_where_a_browser_can_read_them() -> None:

@@ -112,7 +112,7 @@ def test_figures_and_charts_are_in_step_with_the_time(page: Page) -> None:
         frame.velocity[0], frame.commanded_speed,
         frame.deviation / rho, 1.0,
     ]  # fmt: skip
-    assert [float(value) for value in shown] == pytest.approx(wanted, abs=0.0051)
+    assert [float(value.replace("−", "-")) for value in shown] == pytest.approx(wanted, abs=0.0051)
 
 
 def test_it_is_dark_where_the_reader_wants_it_dark(page: Page) -> None:

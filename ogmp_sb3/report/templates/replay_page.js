@@ -4,8 +4,8 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
 const TYPES = {float32: Float32Array, uint16: Uint16Array, uint32: Uint32Array};
 const REST = 1.0;  // s at the end of an episode, before it begins anew
 const SETTLE = 0.25;  // s over which the camera follows the robot's height and sideways motion
-const AZIMUTH = 1.85, ELEVATION = 0.28, DISTANCE = 3.1;  // rad, rad, m: where the camera begins
-const AIM = [0.15, 0, -0.1];  // m from the base: the middle of the picture
+const AZIMUTH = 1.85, ELEVATION = 0.28;  // rad: where the camera begins,
+const DISTANCE = 6.2, AIM = [0.3, 0, -0.2];  // heights of the robot's base: and how far, and the middle from the base
 const NARROW = 1.0;  // width over height of a scene, below which the camera steps back
 const find = (id) => document.getElementById(id);
 
@@ -23,7 +23,7 @@ class Replay {
     };
     const mesh = ({vertices, faces}) => ({vertices: array(vertices), faces: array(faces)});
     this.recording = {
-      robot: {geoms: DATA.robot.geoms, meshes: DATA.robot.meshes.map(mesh)},
+      robot: {...DATA.robot, meshes: DATA.robot.meshes.map(mesh)},
       ghost: array(DATA.ghost),
       ghostColour: DATA.ghost_colour,
       bound: DATA.bound && mesh(DATA.bound),
@@ -46,7 +46,9 @@ class Replay {
     const names = [...new Set(DATA.episodes.flatMap((episode) => episode.modes.map((mode) => mode.name)))];
     this.modeColours = Object.fromEntries(names.map((name, i) => [name, `var(--mode-${i % 6})`]));
     this.rate = 1;
-    this.camera = {azimuth: AZIMUTH, elevation: ELEVATION, distance: DISTANCE, shift: [0, 0, 0]};
+    const {height} = DATA.robot;
+    this.aim = AIM.map((value) => value * height);
+    this.camera = {azimuth: AZIMUTH, elevation: ELEVATION, distance: DISTANCE * height, shift: [0, 0, 0]};
     this.show = {ghost: true, plan: true, bound: true};
     this.follow = true;
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -134,14 +136,14 @@ class Replay {
         inside: DATA.rho === null || episode.deviation[step] <= DATA.rho,
       };
       if (follow || !this.target) this.target = target;
-      const at = this.target.map((value, i) => value + AIM[i] + camera.shift[i]);
+      const at = this.target.map((value, i) => value + this.aim[i] + camera.shift[i]);
       const eye = eyeOf(camera, at, this.scene.canvas.width / this.scene.canvas.height);
       this.scene.draw(moment, {eye, target: at, brightness: this.brightness, show});
     }
     const mode = this.modes.findLast((part) => part.start <= step);
     find("mode").textContent = mode.text;
     find("mode").style.setProperty("--own", mode.colour);
-    find("figures").textContent = `x ${episode.base[3 * step].toFixed(1)} m  ·  ${episode.speed[step].toFixed(2)} m/s`;
+    find("figures").textContent = `x ${fixed(episode.base[3 * step], 1)} m  ·  ${episode.speed[step].toFixed(2)} m/s`;
     find("time").textContent = `${time.toFixed(2)} s`;
     find("ended").textContent = step === episode.steps - 1 ? episode.ended : "";
     find("ended").classList.toggle("fell", episode.fell);
@@ -257,7 +259,7 @@ class ChartView {
       pen.fillStyle = colour("line");
       pen.fillRect(this.left, Math.round(y(value)), this.width, 1);
       pen.fillStyle = colour("soft");
-      pen.fillText(String(value), this.left - 5, y(value));
+      pen.fillText(String(value).replace("-", "−"), this.left - 5, y(value));
     }
     pen.textAlign = "center";
     pen.textBaseline = "top";
@@ -294,10 +296,13 @@ class ChartView {
     this.cursor.style.transform = `translateX(${place}px)`;
     this.values.forEach((output, i) => {
       const value = this.series[i][step];
-      output.textContent = Number.isFinite(value) ? value.toFixed(2) : "–";
+      output.textContent = Number.isFinite(value) ? fixed(value, 2) : "–";
     });
   }
 }
+
+// A number as text, never "-0.0".
+function fixed(value, digits) { return value.toFixed(digits).replace(/^-(0\.0*)$/, "$1").replace("-", "−"); }
 
 // Round values in a range, about so many.
 function ticksIn(low, high, count) {

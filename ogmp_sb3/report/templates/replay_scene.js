@@ -70,7 +70,7 @@ void main() {}`;
 
 const SOLID = 0, GROUND = 1, GHOST = 2, BOUND = 3;
 const SUN = unit([-0.42, -0.46, 0.9]);
-const SHADE_SIZE = 1024, SHADE_REACH = 1.7;  // texels, m around the robot in which shadows fall
+const SHADE_SIZE = 1024, SHADE_REACH = 3.4;  // texels, heights of the robot's base around it in which shadows fall
 const FIELD = 0.66;  // rad: the vertical field of view
 const CREASE = Math.cos(0.6);  // faces that meet at less than 0.6 rad are shaded as one
 const GHOST_ALPHA = 0.2, ALONE_ALPHA = 0.6, BOUND_ALPHA = 0.17, DOT = 0.011;  // m: radius of the knots of the plan
@@ -93,6 +93,7 @@ class Scene {
     this.ghostBodies = matrices(ghost);
     this.ghostColour = ghostColour;
     this.bound = bound && this.mesh(bound.vertices, bound.faces);
+    this.reach = SHADE_REACH * robot.height;
     this.box = this.mesh(box.vertices, box.faces);
     this.dot = this.mesh(dot.vertices, dot.faces);
     this.makeShade();
@@ -109,7 +110,7 @@ class Scene {
     const bodies = moment.robot && matrices(moment.robot);
     const base = matrix(moment.ghost), ghost = this.ghostBodies.map((body) => multiply(base, body));
     const ground = moment.ground.map((box) => scaled(box.centre, box.half));
-    const light = lightMatrix(view.target);
+    const light = lightMatrix(view.target, this.reach);
 
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadeBuffer);
     gl.viewport(0, 0, SHADE_SIZE, SHADE_SIZE);
@@ -306,9 +307,9 @@ function cameraMatrix(eye, target, aspect) {
   );
   return multiply(projection, lookAt(eye, target));
 }
-function lightMatrix(target) {
-  const eye = [target[0] + 6 * SUN[0], target[1] + 6 * SUN[1], target[2] + 6 * SUN[2]], near = 1, far = 11;
-  const r = 1 / SHADE_REACH, d = 1 / (near - far);
+function lightMatrix(target, reach) {
+  const away = 3.5 * reach, eye = target.map((value, i) => value + away * SUN[i]), near = 0.5 * reach, far = 6.5 * reach;
+  const r = 1 / reach, d = 1 / (near - far);
   const projection = Float32Array.of(r, 0, 0, 0, 0, r, 0, 0, 0, 0, 2 * d, 0, 0, 0, (far + near) * d, 1);
   return multiply(projection, lookAt(eye, target));
 }
