@@ -15,6 +15,11 @@ async function unpacked(text) {
   return new Response(stream).arrayBuffer();
 }
 
+function complain(text) {
+  find("no-scene").hidden = false;
+  find("no-scene").textContent = text;
+}
+
 class Replay {
   constructor(buffer) {
     const array = (number) => {
@@ -52,12 +57,9 @@ class Replay {
     this.show = {ghost: true, plan: true, bound: true};
     this.follow = true;
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-    try {
-      this.scene = new Scene(find("scene"), this.recording);
-    } catch (error) {
-      find("no-scene").hidden = false;
-      find("no-scene").textContent = `This browser cannot draw the scene (${error.message}); the charts play without it.`;
-    }
+    this.makeScene();
+    find("scene").addEventListener("webglcontextlost", (event) => event.preventDefault());  // as on a phone that slept
+    find("scene").addEventListener("webglcontextrestored", () => { this.makeScene(); this.layOut(); });
     this.charts = DATA.charts.map((chart) => new ChartView(chart));
     this.addControls();
     addCamera(find("scene"), this.camera);
@@ -70,6 +72,14 @@ class Replay {
     addEventListener("hashchange", () => this.goToLink());
     this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
+  }
+
+  makeScene() {
+    try {
+      this.scene = new Scene(find("scene"), this.recording);
+    } catch (error) {
+      complain(`This browser cannot draw the scene (${error.message}); the charts play without it.`);
+    }
   }
 
   // A link to a moment: #2@1.5 is the second episode, held at 1.5 s.
@@ -187,8 +197,11 @@ class Replay {
       tab.addEventListener("click", () => { this.choose(i); this.playing = true; });
     }
     for (const chart of this.charts) chart.onSeek = seek;
+    addEventListener("click", (event) => {  // by a pointer: the space bar is for the clock again
+      if (event.detail > 0 && event.target.closest("button, #shown")) document.activeElement.blur();
+    });
     addEventListener("keydown", (event) => {
-      if (event.target.closest("select, input:not([type=range])") || event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.target.closest("button, select, input:not([type=range])") || event.ctrlKey || event.metaKey || event.altKey) return;
       const moves = {ArrowLeft: -DATA.control_dt, ArrowRight: DATA.control_dt};
       if (event.key === " ") toggle();
       else if (event.key in moves) { this.playing = false; seek(this.time + moves[event.key]); }
@@ -389,4 +402,6 @@ function addCamera(canvas, camera) {
   });
 }
 
-unpacked(find("recording").textContent).then((buffer) => new Replay(buffer));
+unpacked(find("recording").textContent)
+  .then((buffer) => new Replay(buffer))
+  .catch((error) => complain(`This browser cannot read the recording (${error.message}).`));
