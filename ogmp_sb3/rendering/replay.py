@@ -23,6 +23,7 @@ from ogmp_sb3.rendering.shapes import Mesh, bound_mesh, box, clustered, geom_col
 
 FORMAT = 1
 MOST_FACES = 50_000  # of a robot's shapes together: a phone draws them, and their bytes are a few megabytes
+DOT_CELL = 0.4  # of the radius: a dot needs few faces
 FINEST = 0.001  # m: width of the cells in which the vertices of a robot with more faces become one, at first
 ROBOT, REFERENCE, GROUND, LIMIT = "robot", "reference", "ground", "limit"  # how a line of a chart is drawn
 
@@ -130,7 +131,7 @@ def replay_data(task: TaskConfig, episodes: Sequence[RecordedEpisode]) -> tuple[
         "ghost": arrays.add(bodies.around_base(episodes[0].frames[0].ghost)[1]),
         "ghost_colour": _unit(GHOST_COLOUR),
         "box": _mesh(arrays, box()),
-        "dot": _mesh(arrays, sphere()),
+        "dot": _mesh(arrays, clustered(sphere(), DOT_CELL)),
         "bound": None if bound is None else _mesh(arrays, bound),
         "rho": task.rho,
         "charts": [{"title": c.title, "lines": [{"name": i.name, "style": i.style} for i in c.lines]} for c in charts],
