@@ -208,9 +208,10 @@ def check_name(key: str, name: str) -> None:
         raise ValueError(f"'{key}' must be a name, not a path; found '{name}'.")
 
 
-def check_out(out: Path) -> None:
+def check_out(out: Path, key: str = "out") -> None:
     """Check that results can be saved in a directory, before any work is done for them.
 
+    :param key: by which it was given
     :raises ValueError: if not
     """
     try:
@@ -218,7 +219,7 @@ def check_out(out: Path) -> None:
     except OSError as error:
         why = f"{error.filename}: {reason(error)}"
         raise ValueError(
-            f"'{out}': nothing can be saved there ({why}). Give another directory: out=<directory>."
+            f"'{out}': nothing can be saved there ({why}). Give another directory: {key}=<directory>."
         ) from None
 
 

@@ -1,8 +1,9 @@
-"""``ogmp-play``: watch a policy, or the oracle alone, in a browser or as a video."""
+"""``ogmp-play``: watch a policy, or the oracle alone, in a browser, as a video or as a page to keep."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from ogmp_sb3.commands import cli
@@ -12,15 +13,19 @@ from ogmp_sb3.config.scenes import SHOWN, task_for_test
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.config.task_files import read_task
 from ogmp_sb3.env.agent import Policy
+from ogmp_sb3.evaluation.recording import RECORDED, oracle_episodes, record_chosen
 from ogmp_sb3.machine import check_writable
+from ogmp_sb3.rendering.frame import Frame
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.video import check_suffix, picture_count, write_video
 from ogmp_sb3.rendering.viewer import Viewer
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.report.replay import INDEX, check_folder, write_replay
+from ogmp_sb3.runs.callbacks import progress_bar, steps_bar
 from ogmp_sb3.runs.policies import load_policy
 
 PROGRAM = "ogmp-play"
+SECONDS, EPISODES = 12.0, 20  # defaults
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +39,9 @@ class PlayConfig:
     host: str = cli.option("address the viewer listens on; 0.0.0.0: the whole network can play", "127.0.0.1")
     port: int = cli.option("port of the viewer", 8080)
     video: str | None = cli.option("file to write instead: .mp4, .gif, or .png for a strip of pictures", None)
-    seconds: float = cli.option("length of the video, s", 12.0)
+    seconds: float | None = cli.option(f"length of the video, or of the oracle's page, s; null: {SECONDS:g}", None)
+    web: str | None = cli.option("directory to write a page into instead, which replays test episodes in 3-D", None)
+    episodes: int | None = cli.option(f"test episodes that the page's are chosen from; null: {EPISODES}", None)
     robot: str | None = cli.option(cli.ROBOT, None)
     trust: bool = cli.option(cli.TRUST, False)
 
@@ -44,15 +51,26 @@ class PlayConfig:
             raise ValueError("give either 'run' (a policy) or 'task' (its oracle alone).")
         if self.seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
-        if self.seconds <= 0:
+        if self.seconds is not None and self.seconds <= 0:
             raise ValueError(f"'seconds' must be above 0, found {self.seconds:g}.")
+        if self.episodes is not None and self.episodes < 1:
+            raise ValueError(f"'episodes' must be at least 1, found {self.episodes}.")
+        if self.video is not None and self.web is not None:
+            raise ValueError("give either 'video' (a file) or 'web' (a directory for a page).")
+        if self.episodes is not None and (self.web is None or self.run is None):
+            raise ValueError("'episodes' is for a page of a policy: give 'run' and 'web' too.")
+        if self.seconds is not None and self.web is not None and self.run is not None:
+            raise ValueError(
+                "a page of a policy shows whole test episodes: give evaluation.episode_steps=<control steps> in place "
+                "of 'seconds'."
+            )
         if not 0 <= self.port < 65536:
             raise ValueError(f"'port' must be from 0 to 65535, found {self.port}.")
 
 
 HELP = cli.usage(
     PROGRAM,
-    "watch a policy, or a task's oracle, in a browser or as a video.",
+    "watch a policy, or a task's oracle, in a browser, as a video or as a page to keep.",
     [
         "ogmp-play run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-play run=parkour scene=pace_to_jump oracle=lqr",
@@ -60,6 +78,7 @@ HELP = cli.usage(
         "ogmp-play task=dive",
         "ogmp-play run=parkour video=parkour.mp4 seconds=20",
         "ogmp-play run=parkour video=strip.png seconds=3",
+        "ogmp-play run=parkour web=replay",
     ],
     PlayConfig,
     "any other key of the task file, e.g. modes.leap.w=0.5",
@@ -81,32 +100,68 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy |
         path = find("task", config.task)
         data = read_task(path)
         overrides = [*overrides, *([f"robot={config.robot}"] if config.robot else [])]
-    return task_for_test(data, path, overrides, config.scene, PROGRAM, SHOWN), policy
+    used = (
+        ("rho",) if config.web is not None and policy is not None else SHOWN
+    )  # test tracks have a length of their own
+    return task_for_test(data, path, overrides, config.scene, PROGRAM, used), policy
 
 
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(PlayConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    path = None if config.video is None else Path(config.video)
-    if path is not None:
-        check_suffix(path)
-    cli.require("viewer", *(("viser",) if path is None else ("PIL", "imageio_ffmpeg")))
     if config.run is not None:  # the same one for as long as it plays
         config = replace(config, run=named_run(PROGRAM, config.run))
-
-    def load_player(overrides: list[str]) -> Player:
-        return Player(*load(config, overrides), config.seed)
-
-    if path is None:
-        Viewer(load_player, config.host, config.port, overrides, config.seed).run()
+    if config.web is not None:
+        path = _write_page(config, overrides, Path(config.web))
+    elif config.video is not None:
+        path = _write_video(config, overrides, Path(config.video))
+    else:
+        cli.require("viewer", "viser")
+        Viewer(partial(_player, config), config.host, config.port, overrides, config.seed).run()
         return
-    player = load_player(overrides)
+    cli.console().print(str(path))
+
+
+def _player(config: PlayConfig, overrides: list[str]) -> Player:
+    return Player(*load(config, overrides), config.seed)
+
+
+def _played(player: Player, seconds: float | None) -> list[Frame]:
+    """The frames of some time, the first one included."""
+    steps = max(1, round((SECONDS if seconds is None else seconds) / player.task.control_dt))
+    return [player.frame, *(player.step() for _ in range(steps))]
+
+
+def _write_video(config: PlayConfig, overrides: list[str], path: Path) -> Path:
+    check_suffix(path)
+    cli.require("viewer", "PIL", "imageio_ffmpeg")
+    player = _player(config, overrides)
     _check_file(path)
     gl_library()  # before a long play
-    steps = max(1, round(config.seconds / player.task.control_dt))
-    frames = [player.frame, *(player.step() for _ in range(steps))]
+    frames = _played(player, config.seconds)
     with progress_bar(picture_count(len(frames), path), "picture") as bar:
         write_video(frames, player.task, path, bar.update)
-    cli.console().print(str(path))
+    return path
+
+
+def _write_page(config: PlayConfig, overrides: list[str], folder: Path) -> Path:
+    """The page of a policy's test episodes, or of the oracle's way."""
+    check_folder(folder)
+    task, policy = load(config, overrides)
+    cli.check_out(folder, "web")
+    page = folder / INDEX
+    what = [f"{task.oracle} oracle", "no bound" if task.rho is None else f"rho {task.rho:g}"]
+    what += [f"scene {config.scene}"] if config.scene else []
+    if policy is None:
+        episodes = oracle_episodes(_played(Player(task, None, config.seed), config.seconds), config.seed)
+        write_replay(page, task, episodes, f"{task.name}: the oracle alone", ", ".join(what))
+        return page
+    tested, count = task.for_evaluation(), config.episodes or EPISODES
+    with steps_bar((count + RECORDED) * tested.episode_steps) as bar:
+        episodes = record_chosen(policy, tested, count, config.seed, bar.update)
+        bar.update(bar.total - bar.n)  # fewer may have been chosen
+    chosen = f"{len(episodes)} of {count} test episodes, chosen by return"
+    write_replay(page, task, episodes, task.name, ", ".join([f"run {config.run}", *what, chosen]))
+    return page
 
 
 def _check_file(path: Path) -> None:

@@ -23,6 +23,9 @@ BATCH = 256  # episodes played together; twice as many are hardly faster, and an
 Progress = Callable[[int], None]
 """Called with control steps that are done with: played, or not needed since their episode has ended before its time."""
 
+Watch = Callable[[EnvView, np.ndarray, np.ndarray], None]
+"""Called at the start and after every control step with the view, the rewards, and the rows that have a new record."""
+
 Steps = dict[str, np.ndarray]  # entries of records by name
 
 
@@ -79,12 +82,19 @@ def play_sets(
             del records[:episodes]
 
 
-def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, progress: Progress) -> list[EpisodeRecord]:
-    """Play one episode in each environment; the parameters are those of :func:`play_episodes`."""
+def play_batch(
+    policy: AnyPolicy, env: BatchEnv, max_distance: float | None, progress: Progress, watch: Watch | None = None
+) -> list[EpisodeRecord]:
+    """Play one episode in each environment; the parameters are those of :func:`play_episodes`.
+
+    :param watch: sees every step of the episodes; None: nobody looks
+    """
     observation = env.reset()
     every, limit = np.arange(env.num_envs), env.task.episode_steps
     start_x = env.sim.qpos[:, env.sim.base_qpos].copy()
     rows, steps = [every], [_entries(env, env.view(), np.zeros(env.num_envs), every)]
+    if watch is not None:
+        watch(env.view(), np.zeros(env.num_envs), every)
     ended = np.full(env.num_envs, "", dtype=object)
     done_with = np.zeros(env.num_envs, dtype=int)  # control steps
     actor = Actor(policy, env.num_envs, env.observation_size)
@@ -97,6 +107,8 @@ def play_batch(policy: AnyPolicy, env: BatchEnv, max_distance: float | None, pro
         observation = result.observation
         rows.append(alive[result.termination[alive] != UNSTABLE])
         steps.append(_entries(env, result.view, result.reward, rows[-1]))
+        if watch is not None:
+            watch(result.view, result.reward, rows[-1])
         reason, share = result.termination.astype(object), env.step_count / limit
         if max_distance is not None:
             way = (env.sim.qpos[:, env.sim.base_qpos] - start_x) / max_distance

@@ -9,7 +9,8 @@ import numpy as np
 
 from ogmp_sb3.env.batch_env import BatchEnv
 from ogmp_sb3.env.view import EnvView
-from ogmp_sb3.guidance.srb import POS
+from ogmp_sb3.guidance.sampling import ModeCall
+from ogmp_sb3.guidance.srb import POS, VEL
 from ogmp_sb3.guidance.terrain import NOTHING, TOP, X0, X1, Y0, Y1
 
 SEEN_BEHIND = 6.0  # m: ground behind the robot that stays in sight
@@ -53,6 +54,14 @@ class Frame(Drawable):
     """since the episode began, s"""
     speed: float
     """horizontal speed of the base, m/s"""
+    velocity: np.ndarray
+    """of the base, shape (3,), m/s"""
+    reference_velocity: np.ndarray
+    """of the reference's base, shape (3,), m/s"""
+    commanded_speed: float
+    """what the mode asks for along x, m/s"""
+    ground: float
+    """height of the terrain under the base, m; :data:`~ogmp_sb3.guidance.terrain.NOTHING` over a gap"""
     reward: float
     """of this step"""
     deviation: float
@@ -124,3 +133,40 @@ def drawable_of(env: BatchEnv, row: int, view: EnvView, before: Drawable | None)
         trail=env.plan(row)[:, POS],
         terrain=join_terrain(ground),
     )
+
+
+def frame_of(env: BatchEnv, row: int, view: EnvView, before: Frame | None, reward: float, ended: str) -> Frame:
+    """The frame of one environment after a control step.
+
+    :param env: the environments
+    :param row: which of them
+    :param view: of all of them, in this step
+    :param before: the frame before in the same episode; None: it begins
+    :param reward: of the step
+    :param ended: the rule that ended the episode; empty while it runs
+    """
+    drawable, v = drawable_of(env, row, view, before), env.sim.base_qvel
+    velocity = np.nan_to_num(env.sim.qvel[row, v : v + 3])
+    return Frame(
+        robot=drawable.robot,
+        ghost=drawable.ghost,
+        base=drawable.base,
+        trail=drawable.trail,
+        terrain=drawable.terrain,
+        reference=view.reference[row, POS],
+        mode=_described(env.guide.mode_at(row, float(drawable.base[0]))),
+        time=float(env.step_count[row]) * env.task.control_dt,
+        speed=float(np.linalg.norm(velocity[:2])),
+        velocity=velocity,
+        reference_velocity=view.reference[row, VEL],
+        commanded_speed=float(view.commanded_speed[row]),
+        ground=float(view.ground_height[row]),
+        reward=reward,
+        deviation=float(view.deviation[row]),
+        ended=ended,
+    )
+
+
+def _described(call: ModeCall) -> str:
+    values = [v if isinstance(v, str) else f"{key} {v:.2f}" for key, v in call.parameters.items()]
+    return " ".join([call.name, ", ".join(values)]).strip()

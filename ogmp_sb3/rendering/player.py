@@ -14,7 +14,7 @@ from ogmp_sb3.env.view import EnvView
 from ogmp_sb3.guidance.rotations import quat_rotate_inverse
 from ogmp_sb3.guidance.sampling import ModeCall, draw_parameters
 from ogmp_sb3.guidance.srb import OMEGA, POS, VEL
-from ogmp_sb3.rendering.frame import Frame, drawable_of
+from ogmp_sb3.rendering.frame import Frame, frame_of
 
 ENDLESS = 10**9  # control steps
 
@@ -112,24 +112,5 @@ class Player:
         self.env.sim.qvel[0, v : v + 2] += velocity
 
     def _frame(self, view: EnvView, before: Frame | None, reward: float, ended: str) -> Frame:
-        env, v = self.env, self.env.sim.base_qvel
-        drawable = drawable_of(env, 0, view, before)
-        return Frame(
-            robot=np.zeros(0) if self.policy is None else drawable.robot,
-            ghost=drawable.ghost,
-            base=drawable.base,
-            trail=drawable.trail,
-            terrain=drawable.terrain,
-            reference=view.reference[0, POS],
-            mode=_described(env.guide.mode_at(0, float(drawable.base[0]))),
-            time=float(env.step_count[0]) * self.task.control_dt,
-            speed=float(np.linalg.norm(env.sim.qvel[0, v : v + 2])),
-            reward=reward,
-            deviation=float(view.deviation[0]),
-            ended=ended,
-        )
-
-
-def _described(call: ModeCall) -> str:
-    values = [v if isinstance(v, str) else f"{key} {v:.2f}" for key, v in call.parameters.items()]
-    return " ".join([call.name, ", ".join(values)]).strip()
+        frame = frame_of(self.env, 0, view, before, reward, ended)
+        return replace(frame, robot=np.zeros(0)) if self.policy is None else frame

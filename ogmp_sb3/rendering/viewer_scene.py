@@ -8,18 +8,16 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.robot_model import VISIBLE_GROUPS, build_model
-from ogmp_sb3.guidance.srb import POS
+from ogmp_sb3.env.robot_model import build_model
 from ogmp_sb3.guidance.terrain import geom_boxes
 from ogmp_sb3.rendering.frame import GHOST_COLOUR, MARK_COLOUR, Colour, Frame, ground_colours, ground_marks
+from ogmp_sb3.rendering.shapes import bound_mesh, geom_colour, geom_mesh, visible_geoms
 
 if TYPE_CHECKING:
-    import trimesh
     import viser
 
 GHOST_OPACITY, BOUND_OPACITY = 0.3, 0.2
 INSIDE_COLOUR, OUTSIDE_COLOUR = (50, 170, 90), (220, 50, 40)
-BOUND_EXTENT = 0.6  # m: half the size of the drawn bound along directions that are not bounded
 CAMERA_FROM, CAMERA_AT = np.array([0.6, -2.0, 0.6]), np.array([0.2, 0.0, -0.1])  # m, from the robot
 SKY_TOP, SKY_BOTTOM = (150, 178, 208), (236, 240, 244)
 SUN, SUN_LIGHT, SKY_LIGHT = (-1.5, -2.0, 4.0), 2.0, 1.7
@@ -124,17 +122,16 @@ class Figure:
         self.model, self.data, self.base = model, mujoco.MjData(model), base
         self.node = scene.add_frame(path, show_axes=False)
         self.bodies: dict[int, viser.FrameHandle] = {}
-        for i in np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (model.geom_bodyid > 0)).tolist():
+        for i in visible_geoms(model):
             body = int(model.geom_bodyid[i])
             if body not in self.bodies:
                 self.bodies[body] = scene.add_frame(f"{path}/{body}", show_axes=False)
-            mesh, material = geom_mesh(model, i), model.geom_matid[i]
-            rgba = model.geom_rgba[i] if material < 0 else model.mat_rgba[material]
+            mesh = geom_mesh(model, i)
             scene.add_mesh_simple(
                 f"{path}/{body}/{i}",
                 mesh.vertices,
                 mesh.faces,
-                color=colour or rgba[:3],
+                color=colour or geom_colour(model, i),
                 opacity=opacity,
                 flat_shading=True,
                 cast_shadow=opacity is None,
@@ -153,64 +150,6 @@ class Figure:
         for body, node in self.bodies.items():
             node.position, node.wxyz = self.data.xpos[body], self.data.xquat[body]
         return self.data.xpos[self.base].copy()  # type: ignore[no-any-return]
-
-
-def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    """The surface of a geom, in its own frame.
-
-    :raises ValueError: for a kind of geom that cannot be drawn (planes and height fields are no part of a robot)
-    """
-    from trimesh import Trimesh, creation
-
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
-    mesh: Trimesh
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        mesh = creation.box(extents=2.0 * size)
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        mesh = creation.cylinder(radius=size[0], height=2.0 * size[1])
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        mesh = creation.capsule(radius=size[0], height=2.0 * size[1])
-    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        mesh = creation.icosphere(radius=size[0])
-    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        mesh = creation.icosphere().apply_scale(size)
-    elif kind == mujoco.mjtGeom.mjGEOM_MESH:
-        number = model.geom_dataid[geom]
-        vertices = slice(model.mesh_vertadr[number], model.mesh_vertadr[number] + model.mesh_vertnum[number])
-        faces = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
-        mesh = Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
-    else:
-        raise ValueError(f"a geom of kind {kind.name} cannot be drawn.")
-    return mesh
-
-
-def bound_mesh(task: TaskConfig) -> trimesh.Trimesh | None:
-    """Where the base may be, around its reference: ``||W (x - x_ref)|| <= rho`` with nothing but the position off.
-
-    One bounded component gives two planes, two an elliptic tube, three an ellipsoid.
-
-    :return: None if there is no bound, or none on the position
-    """
-    from trimesh import creation
-
-    weights = np.array(task.bound_weights)[POS]
-    bounded = weights > 0
-    if task.rho is None or not bounded.any():
-        return None
-    count, free = int(bounded.sum()), int(np.argmin(bounded))
-    shape = {
-        1: lambda: creation.box(extents=(2.0, 2.0, 2.0)),
-        2: lambda: creation.cylinder(radius=1.0, height=2.0),
-        3: lambda: creation.icosphere(),
-    }[count]()
-    if count == 2:
-        shape.vertices = np.roll(shape.vertices, free - 2, axis=1)  # its axis, z, becomes the direction not bounded
-    if count < 3:
-        caps = (np.abs(shape.face_normals[:, ~bounded]) > 0.99).any(axis=1)
-        shape.update_faces(~caps)
-    half = np.where(bounded, task.rho / np.where(bounded, weights, 1.0), BOUND_EXTENT)
-    scaled: trimesh.Trimesh = shape.apply_scale(half)
-    return scaled
 
 
 def _segments(points: np.ndarray) -> np.ndarray:

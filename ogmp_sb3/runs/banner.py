@@ -47,10 +47,12 @@ def banner(run_dir: Path, config: TrainConfig, model: RecurrentPPO, overrides: S
 
 
 def typed_at_first(run_dir: Path) -> tuple[str, ...]:
-    """The command line that a run was begun with, without what may have changed since.
+    """The command line that a run was begun with, without what may have changed since; nothing if it has not begun.
 
     :raises ValueError: if it cannot be read
     """
+    if not (run_dir / CONFIG).is_file():
+        return ()
     data: dict[str, Any] = {"overrides": [], **run_config(run_dir)}
     overrides: tuple[str, ...] = entry(data, "overrides", tuple[str, ...], Where(str(run_dir / CONFIG)))
     return tuple(override for override in overrides if override.partition("=")[0].lstrip("+") not in RESUMABLE)

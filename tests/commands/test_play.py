@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import signal
 import subprocess
 import sys
@@ -47,6 +49,29 @@ def test_a_policy_plays_into_a_file(opengl, run: Path, tmp_path: Path) -> None:
         assert gif.n_frames == 5
 
 
+def test_a_policy_s_test_episodes_are_written_into_a_page(run: Path, tmp_path: Path) -> None:
+    done = program(
+        "play", f"run={run}", "web=out/page", "episodes=3", "seed=2", "evaluation.episode_steps=12", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "out/page/index.html"
+    page = (tmp_path / done.stdout.strip()).read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page).group(1))
+    assert {e["name"] for e in data["episodes"]} >= {"best", "median"}
+    assert {e["detail"].partition(",")[0] for e in data["episodes"]} <= {"seed 2", "seed 3", "seed 4"}
+    assert all(e["steps"] <= 13 for e in data["episodes"])
+    assert "3 of 3 test episodes, chosen by return" in page
+
+
+def test_an_oracle_s_way_is_written_into_a_page_where_one_was_before(tmp_path: Path) -> None:
+    for seconds in ("0.3", "0.6"):
+        done = program("play", "task=dive", "web=page", f"seconds={seconds}", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    (episode,) = json.loads(re.search(r'id="data">(.*?)</script>', page).group(1))["episodes"]
+    assert (episode["steps"], episode["robot"]) == (21, None)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -59,9 +84,19 @@ def test_a_policy_plays_into_a_file(opengl, run: Path, tmp_path: Path) -> None:
         (["task=parkour", "sedd=1"], "Did you mean 'seed'?"),
         (["task=parkour", "seconds=0"], "'seconds' must be above 0"),
         (["task=parkour", "modes.jump.hh=1"], "no parameter 'hh'"),
+        (["run=parkour", "web=a", "video=a.gif"], "give either 'video' (a file) or 'web' (a directory for a page)"),
+        (["run=parkour", "web=a", "episodes=0"], "'episodes' must be at least 1"),
+        (["run=parkour", "episodes=4"], "'episodes' is for a page of a policy"),
+        (["task=parkour", "web=a", "episodes=4"], "'episodes' is for a page of a policy"),
+        (["run=parkour", "web=a", "seconds=4"], "evaluation.episode_steps="),
+        (["run=parkour", "web=a", "track.length=4"], "a test has evaluation.track_length"),
+        (["run=parkour", "web=."], "holds 'mine.txt', which is no replay"),
+        (["run=parkour", "web=mine.txt"], "'mine.txt' is a file"),
+        (["run=parkour", "web=mine.txt/page"], "nothing can be saved there"),
     ],
 )
 def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("")
     done = program("play", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr

@@ -308,6 +308,7 @@ def test_wheel_holds_code_and_data(tmp_path: Path) -> None:
         held = set(archive.namelist())
     expected = {f"ogmp_sb3/{path.relative_to(PACKAGE).as_posix()}" for path in SOURCES.values()}
     expected |= {"ogmp_sb3/py.typed", "ogmp_sb3/conf/train.yaml", "ogmp_sb3/report/templates/report.html"}
+    expected |= {f"ogmp_sb3/report/templates/replay{name}" for name in (".html", ".css", "_page.js", "_scene.js")}
     for folder, patterns in {
         "tasks": ("*.yaml",),
         "robots": ("*.xml", "*.yaml"),

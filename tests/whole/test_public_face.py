@@ -136,11 +136,21 @@ def test_a_video_as_the_page_about_playing_makes_it(opengl, tmp_path: Path, monk
     pytest.importorskip("imageio_ffmpeg", reason="videos need the extra 'viewer'")
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "play.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    _, code = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {}
     exec(compile(code.replace("range(200)", "range(20)").replace("step == 60", "step == 6"), "play.md", "exec"), names)
     assert len(names["frames"]) == 21
     assert (tmp_path / "jump.mp4").stat().st_size > 1000
+
+
+def test_a_replay_as_the_page_about_playing_makes_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "play.md").read_text(encoding="utf-8")
+    code, _ = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {}
+    exec(compile(code.replace("episodes=4", "episodes=1"), "play.md", "exec"), names)
+    assert len(names["episodes"]) == 1
+    assert 50_000 < (tmp_path / "replay" / "index.html").stat().st_size < 1_000_000
 
 
 # ---- extend ----
