@@ -18,10 +18,12 @@ from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report import falls_section as report_falls
 from ogmp_sb3.report import run_sections as report_run
 from ogmp_sb3.report import sweep_sections as report_sweep
+from ogmp_sb3.report.headline import STRIP, VIDEO, film_of, headline
 from ogmp_sb3.report.heat_maps import heat_maps, heat_maps_to_come
 from ogmp_sb3.report.page import Section, write_page
 from ogmp_sb3.report.panels import shown, sweep_of
 from ogmp_sb3.report.seeds_section import seed_groups, seeds
+from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.multirun import MULTIRUN, read_runs, read_sweep
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import CONFIG, Run, default_out, owner, read_run
@@ -30,7 +32,18 @@ PROGRAM = "ogmp-report"
 RUN_EPISODES, JOB_EPISODES = 100, 20
 PAGE = "report.html"
 RUNS_OUT = Path("report") / "runs"
-RUN_ONLY = ("grids", "grid_cells", "cell_episodes", "traces", "endless", "max_distance", "trust", "task")
+RUN_ONLY = (
+    "grids",
+    "grid_cells",
+    "cell_episodes",
+    "traces",
+    "endless",
+    "max_distance",
+    "film",
+    "video",
+    "trust",
+    "task",
+)
 SWEEP_ONLY = ("policy",)
 
 
@@ -40,7 +53,7 @@ class ReportConfig:
 
     run: str | None = cli.option("run directory, checkpoint directory, or name of a shipped policy", None)
     sweep: str | None = cli.option("directory of a multirun (ogmp-train -m); either this or 'run'", None)
-    runs: str | None = cli.option("or run directories to compare: [a,b], or a pattern with *", None)
+    runs: str | None = cli.option("or run directories to compare: a,b, or a pattern with *", None)
     out: str | None = cli.option("directory for the page; null: <run or sweep>/report; of 'runs', report/runs", None)
     policy: Literal["latest", "best"] = cli.option("sweep: which policy of each job: latest or best", "latest")
     episodes: int | None = cli.option(
@@ -53,6 +66,8 @@ class ReportConfig:
     traces: int = cli.option("run: episodes to draw as motion traces", 3)
     endless: int | None = cli.option("run: episodes on tracks without end, for survival curves; null: none", None)
     max_distance: float = cli.option("run: an endless episode is over this far along the track, m", MAX_DISTANCE)
+    film: bool = cli.option("run: a strip of pictures of its first episode on top", True)
+    video: bool = cli.option("run: a video of that episode too", False)
     variants: str | None = cli.option(
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
         ",".join(report_run.VARIANTS),
@@ -103,6 +118,8 @@ HELP = cli.usage(
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(ReportConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
     variants = _variants(config.variants)
+    if config.video:
+        cli.require("viewer", "imageio_ffmpeg")
     if config.run is not None:
         page = _report_run(config, config.run, overrides, variants)
     elif config.sweep is not None:
@@ -127,11 +144,15 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     grids = default_grids(subject.task, loaded.task, config.grid_cells) if config.grids else []
     out.mkdir(parents=True, exist_ok=True)
     episodes = config.episodes or RUN_EPISODES
+    kinds = [kind for kind, wanted in ((STRIP, config.film), (VIDEO, config.video)) if wanted]
+    with steps_bar(subject.evaluation_steps(episodes, config.seed), "evaluation") as bar:
+        result = subject.evaluation(episodes, config.seed, bar.update)
     above = [
+        headline(subject, result, film_of(subject, config.seed, kinds, out)),
         report_run.overview(subject, run),
         report_run.training(run, subject.loaded.task.rho, out) if run else None,
-        report_run.evaluation(subject, episodes, config.seed, out),
-        report_falls.falls(subject.evaluation(episodes, config.seed, lambda _: None).falls, out),
+        report_run.evaluation(subject, result, config.seed, out),
+        report_falls.falls(result.falls, out),
         report_falls.endless(subject, config.endless, config.seed, config.max_distance, out)
         if config.endless is not None
         else None,
@@ -198,12 +219,16 @@ def _report_jobs(
 def run_folders(text: str) -> list[Path]:
     """The directories of runs to compare.
 
-    :param text: ``[a, b]``, a pattern, which other directories that it matches are left out of, or one directory
+    :param text: ``a,b`` or ``[a, b]``, a pattern, which other directories that it matches are left out of, or one
+        directory
     :raises ValueError: if the list cannot be read, or nothing matches a pattern
     """
-    entries = read_value(text) if text.startswith("[") else [text]
+    if text.startswith("["):
+        entries = read_value(text)
+    else:
+        entries = [text] if Path(text).exists() or glob(text) else [part.strip() for part in text.split(",")]
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, str) for entry in entries):
-        raise ValueError(f"'runs' must be directories, [a,b], or a pattern, found {text}.")
+        raise ValueError(f"'runs' must be directories, a,b, or a pattern, found {text}.")
     found: list[Path] = []
     for entry in entries:
         if Path(entry).is_dir():
@@ -213,7 +238,7 @@ def run_folders(text: str) -> list[Path]:
             path for path in map(Path, glob(entry)) if any((path / f).is_file() for f in (CONFIG, MULTIRUN))
         )
         if not matches:
-            comma = ' A directory with a comma in its name is put in quotes: ["a,b"].' if text.startswith("[") else ""
+            comma = ' A directory with a comma in its name is put in quotes: ["a,b"].' if "," in text else ""
             raise ValueError(f"'runs': no directory of a run is '{entry}'.{comma}")
         found += matches
     return found

@@ -22,7 +22,7 @@ from ogmp_sb3.env.streams import Stream
 from ogmp_sb3.evaluation.copies import copies_text, distinct
 from ogmp_sb3.evaluation.episodes import Progress, play_episodes
 from ogmp_sb3.evaluation.falls import FallRow, fall_rows
-from ogmp_sb3.evaluation.metrics import highest_objective, limits_of
+from ogmp_sb3.evaluation.metrics import highest_objective, highest_return, limits_of
 from ogmp_sb3.evaluation.own_queries import own_queries
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.speed import SpeedRow, speed_rows
@@ -41,6 +41,7 @@ from ogmp_sb3.guidance.encoder_training import LatentQuality
 PRINTED_WIDTH = 100  # characters
 ON_TRACKS = "speed_error_mps"  # a metric of every evaluation of modes along a track, and of no other
 TRUE_OBJECTIVE = "true_objective"  # beside the metrics
+RETURN = "return"
 
 Values = dict[str, list[float]]  # by name of the metric: of each episode, a bool where it is yes or no
 
@@ -257,6 +258,8 @@ def metric_limits(task: TaskConfig, name: str) -> Limits:
     """What a metric, or the true objective, is never below and above."""
     if name == TRUE_OBJECTIVE:
         return None, highest_objective(task)
+    if name == RETURN:
+        return None, highest_return(task)
     return limits_of(registry.metrics.get(name))
 
 

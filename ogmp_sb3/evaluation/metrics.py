@@ -9,6 +9,7 @@ import numpy as np
 
 from ogmp_sb3.config.registry import metrics, objectives
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.rewards import highest_reward
 from ogmp_sb3.evaluation.record import EpisodeRecord
 from ogmp_sb3.evaluation.speed import mean_over_steps, stretches
 from ogmp_sb3.evaluation.statistics import Limits
@@ -136,6 +137,12 @@ def highest_objective(task: TaskConfig) -> float | None:
     """What the true objective of a task can reach at most, as :func:`reaches` says; None if it does not."""
     highest = getattr(objectives.get(task.objective), "highest", None)
     return None if highest is None else highest(task)
+
+
+def highest_return(task: TaskConfig) -> float | None:
+    """The highest return of an episode of the test protocol, None if it is not known."""
+    reward = highest_reward(task.rewards)
+    return None if reward is None else reward * task.evaluation.episode_steps
 
 
 @objectives.register()

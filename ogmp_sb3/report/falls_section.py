@@ -11,7 +11,7 @@ from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.falls import BINS, FallRow, falls_csv, kinds_of
 from ogmp_sb3.evaluation.statistics import as_text
 from ogmp_sb3.evaluation.survival import DISTANCE, TIME, Survival, median_text, round_places
-from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture
+from ogmp_sb3.report.page import Part, Rows, Section, Table, make_picture
 from ogmp_sb3.report.plots.falls import plot_falls, plot_survival
 from ogmp_sb3.runs.callbacks import steps_bar
 
@@ -36,7 +36,7 @@ def falls(rows: Sequence[FallRow], out: Path, name: str = "falls") -> Section | 
     return Section("Falls", text, parts) if parts else None
 
 
-def falls_parts(rows: Sequence[FallRow], out: Path, name: str) -> list[Table | Picture | Video]:
+def falls_parts(rows: Sequence[FallRow], out: Path, name: str) -> list[Part]:
     """A picture and a table of where robots fell; nothing without an instance."""
     if not rows:
         return []

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import csv
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import jinja2
 from ogmp_sb3.runs.atomic import replacing
 
 TEMPLATES = Path(__file__).parent / "templates"
+ABREAST = 4  # columns of means with their intervals
 Rows = list[dict[str, Any]]
 
 
@@ -59,14 +61,47 @@ class Video:
 
 
 @dataclass(frozen=True)
+class KeyNumber:
+    """A number that is read first."""
+
+    value: str
+    """with its unit"""
+    label: str
+    """what it is"""
+    about: str
+    """its interval, and what it means"""
+
+
+@dataclass(frozen=True)
+class KeyNumbers:
+    """Numbers side by side, in large letters."""
+
+    numbers: list[KeyNumber]
+    """in order"""
+    kind: str = "numbers"
+
+
+@dataclass(frozen=True)
+class Note:
+    """A paragraph among the other parts."""
+
+    text: str
+    """sentences"""
+    kind: str = "note"
+
+
+Part = Table | Picture | Video | KeyNumbers | Note
+
+
+@dataclass(frozen=True)
 class Section:
     """A section of the page."""
 
     title: str
-    """its heading, also in the table of contents"""
+    """its heading, also in the table of contents; empty for what stands above the first"""
     text: str
     """a paragraph, or nothing"""
-    parts: list[Table | Picture | Video]
+    parts: list[Part]
     """what follows, in order"""
 
 
@@ -86,12 +121,38 @@ def make_picture(out: Path, name: str, caption: str, rows: Rows, draw: Callable[
     return Picture(name, caption, source, [f"{name}.png", f"{name}.svg", *(f"{stem}.csv" for stem in tables)])
 
 
+def fitting(table: Table, leading: int = 1) -> list[Table]:
+    """A table as one or more that fit a window of 1,200 pixels, below each other: each has the leading columns.
+
+    :param table: with headings; its caption stands above the first, its files are below the last
+    :param leading: columns that name the rows
+    """
+    columns = range(leading, len(table.columns))
+    groups = [columns[i : i + ABREAST] for i in range(0, len(columns), ABREAST)] or [columns]
+    tables = [
+        Table(
+            [[*row[:leading], *(row[i] for i in group)] for row in table.rows],
+            [*table.columns[:leading], *(table.columns[i] for i in group)],
+        )
+        for group in groups
+    ]
+    tables[0] = replace(tables[0], caption=table.caption)
+    tables[-1] = replace(tables[-1], files=table.files)
+    return tables
+
+
 def write_csv(path: Path, rows: Rows) -> None:
     """Write rows with a line of headings, all or nothing; nan is an empty cell."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows({key: "" if value != value else value for key, value in row.items()} for row in rows)
+
+
+def first_paragraph(function: Any) -> str:
+    """What the docstring of a function begins with, as plain text."""
+    text = (function.__doc__ or "").strip().split("\n\n")[0]
+    return re.sub(r":\w+:|`+", "", " ".join(text.split()))
 
 
 def data_uri(path: Path, kind: str) -> str:

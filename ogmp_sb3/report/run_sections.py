@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,22 +12,35 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.catalogue import shown_path
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.copies import copies_text
+from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.statistics import Estimate, Estimates, as_text
 from ogmp_sb3.evaluation.traces import Trace, ground_rows, trace_rows
 from ogmp_sb3.guidance.admissible import standing_still
 from ogmp_sb3.guidance.latent import load_encoder
 from ogmp_sb3.guidance.reference_data import reference_data
-from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, data_uri, make_picture, write_csv
+from ogmp_sb3.report.page import (
+    Part,
+    Picture,
+    Rows,
+    Section,
+    Table,
+    Video,
+    data_uri,
+    first_paragraph,
+    fitting,
+    make_picture,
+    write_csv,
+)
 from ogmp_sb3.report.panels import shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.guidance import plot_latents
 from ogmp_sb3.report.plots.traces import plot_traces
 from ogmp_sb3.report.plots.trainings import SMOOTH, plot_training
 from ogmp_sb3.report.speed_section import speed_parts
-from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
-from ogmp_sb3.runs.run_directory import Run
+from ogmp_sb3.runs.provenance import BEGAN
+from ogmp_sb3.runs.run_directory import Run, samples_text
 
 # What motion traces are varied in (paper, fig:abl_trc); the oracles are those of the task.
 VARIANTS: dict[str, tuple[Any, ...]] = {"oracle": (), "horizon": (7, 15, 30), "rho": (0.1, 0.5, 0.8)}
@@ -62,19 +74,35 @@ def overview(subject: EvaluatedPolicy, run: Run | None) -> Section:
         ["versions", ", ".join(f"{name} {version}" for name, version in (info.get("versions") or {}).items())],
         ["policy", shown_path(subject.loaded.path)],
     ]
-    if run is not None and run.overrides:
-        rows.append(["command", run.command])
+    if run is not None:
+        rows += _circumstances(run)
     if subject.overrides:
         rows.append(["evaluated with", " ".join(subject.overrides)])
     return Section("Run", "", [Table(rows)])
 
 
+def _circumstances(run: Run) -> list[list[str]]:
+    """When, where, for how long and by which command it was trained, as far as that is recorded."""
+    began = run.config.get(BEGAN, {})
+    rows = [[key, str(began[key])] for key in ("date", "machine", "commit") if key in began]
+    if run.seconds:
+        pace = f"{run.samples / run.seconds:,.0f} samples/s, pauses left out"
+        rows.insert(min(1, len(rows)), ["trained for", f"{duration(run.seconds)}, {pace}"])
+    return [*rows, *([["command", run.command]] if run.overrides else [])]
+
+
+def duration(seconds: float) -> str:
+    """A time in hours and minutes."""
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
+
+
 def _samples(subject: EvaluatedPolicy, run: Run | None) -> str:
-    text = "not recorded" if subject.samples is None else f"{subject.samples:,}"
+    text = "not recorded" if subject.samples is None else samples_text(subject.samples)
     if run is None:
         return text
     total = run.config.get("train", {}).get("total_timesteps")
-    return f"{text}; the run is {run.state}, with {run.samples:,} of {total:,}"
+    return f"{text}; the run is {run.state}, with {samples_text(run.samples)} of {samples_text(total)}"
 
 
 def training(run: Run, rho: float | None, out: Path) -> Section | None:
@@ -95,12 +123,14 @@ def training(run: Run, rho: float | None, out: Path) -> Section | None:
     return Section("Training", "", [picture])
 
 
-def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) -> Section:
-    """Metrics with confidence intervals, and what ended the episodes."""
-    with steps_bar(subject.evaluation_steps(episodes, seed), "evaluation") as bar:
-        result = subject.evaluation(episodes, seed, bar.update)
+def evaluation(subject: EvaluatedPolicy, result: Evaluation, seed: int, out: Path) -> Section:
+    """Metrics with confidence intervals, and what ended the episodes.
+
+    :param result: of the policy
+    :param seed: of its first episode
+    """
     causes = result.terminations
-    parts: list[Table | Picture | Video] = [metrics_table(subject.task, result.metrics)]
+    parts: list[Part] = [metrics_table(subject.task, result.metrics)]
     write_csv(out / "metrics.csv", metrics_rows([("all", result.metrics), *result.groups.items()]))
     parts.append(
         make_picture(
@@ -113,8 +143,8 @@ def evaluation(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) ->
     if result.groups:
         names = list(next(iter(result.groups.values())))
         rows = [[group, *(interval(metrics[name]) for name in names)] for group, metrics in result.groups.items()]
-        parts.append(Table(rows, ["", *names], "By the words among the parameters of the first mode."))
-    text = f"{protocol(subject.task, episodes, seed)} {copies_text(result.copies, result.episodes)}".rstrip()
+        parts += fitting(Table(rows, ["", *names], "By the words among the parameters of the first mode."))
+    text = f"{protocol(subject.task, result.episodes, seed)} {copies_text(result.copies, result.episodes)}".rstrip()
     return Section("Evaluation", text, parts)
 
 
@@ -140,7 +170,7 @@ def metrics_table(task: TaskConfig, metrics: Estimates) -> Table:
         kinds, key = (registry.objectives, task.objective) if name == "true_objective" else (registry.metrics, name)
         mean, std = as_text([each.mean]), as_text([each.std])
         between = as_text([each.low, each.high], 3, f"{THIN}…{THIN}")
-        rows.append([name, mean, between, std, str(each.n), _first_paragraph(kinds.get(key))])
+        rows.append([name, mean, between, std, str(each.n), first_paragraph(kinds.get(key))])
     return Table(rows, ["metric", "mean", "95 % interval", "std", "n", "meaning"], files=["metrics.csv"])
 
 
@@ -161,16 +191,9 @@ def interval(estimate: Estimate) -> str:
     return f"{estimate.mean:.2f} [{as_text([estimate.low, estimate.high], 2, f',{THIN}')}]"
 
 
-def _first_paragraph(function: Any) -> str:
-    text = (function.__doc__ or "").strip().split("\n\n")[0]
-    return re.sub(r":\w+:|`+", "", " ".join(text.split()))
-
-
 def motion(subject: EvaluatedPolicy, episodes: int, seed: int, variants: list[str], out: Path) -> Section:
     """Motion traces of the first episodes, and of one episode under other oracles, horizons and bounds."""
-    parts: list[Table | Picture | Video] = [
-        traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))
-    ]
+    parts: list[Part] = [traces_picture(out, "traces", "The first episodes.", subject.traces(episodes, seed))]
     for key in variants:
         values = _values(subject.task, key)
         if not values:
@@ -229,7 +252,7 @@ def latents(subject: EvaluatedPolicy, seed: int, out: Path) -> Section | None:
 
 def videos(folder: Path) -> Section | None:
     """The videos that lie in a run directory."""
-    parts: list[Table | Picture | Video] = []
+    parts: list[Part] = []
     for path in sorted(folder.glob("*.mp4")):
         size = path.stat().st_size
         if size < LARGEST_VIDEO:

@@ -10,11 +10,11 @@ from typing import Any
 from ogmp_sb3.evaluation.evaluate import Evaluation, metric_limits
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.seeds import SeedStatistics, few_seeds_text, seed_statistics
-from ogmp_sb3.report.page import Rows, Section, Table, write_csv
+from ogmp_sb3.report.page import Rows, Section, Table, fitting, write_csv
 from ogmp_sb3.report.panels import Sweep, label_of, shown
 from ogmp_sb3.report.run_sections import interval
 from ogmp_sb3.runs.multirun import SEED, setting
-from ogmp_sb3.runs.run_directory import Run
+from ogmp_sb3.runs.run_directory import Run, samples_text
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def seeds(sweep: Sweep, groups: Sequence[SeedGroup], out: Path) -> Section | Non
         "over all episodes of all seeds with a 95 % bootstrap interval stratified by seed; of yes or no the share with "
         "Wilson's. More episodes make this interval shorter, and say nothing on another seed.",
     )
-    return Section("Seeds", _notes(groups), [over_seeds, over_episodes])
+    return Section("Seeds", _notes(groups), [*fitting(over_seeds, 2), *fitting(over_episodes, 2)])
 
 
 def _episodes(group: SeedGroup) -> str:
@@ -130,7 +130,9 @@ def _notes(groups: Sequence[SeedGroup]) -> str:
             notes.append(f"Without a policy: {group.label}, {', '.join(missing)}.")
         known = sorted({samples for samples in group.samples if samples is not None})
         if len(known) > 1:
-            notes.append(f"The policies of {group.label} are of {known[0]:,} to {known[-1]:,} samples.")
+            notes.append(
+                f"The policies of {group.label} are of {samples_text(known[0])} to {samples_text(known[-1])} samples."
+            )
     return " ".join(filter(None, notes))
 
 

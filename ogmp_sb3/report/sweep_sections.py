@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ogmp_sb3.config.task import TaskConfig
-from ogmp_sb3.env.rewards import highest_reward
 from ogmp_sb3.evaluation.copies import copies_in_sets_text
 from ogmp_sb3.evaluation.evaluate import Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy, rank_key
-from ogmp_sb3.evaluation.metrics import highest_objective
+from ogmp_sb3.evaluation.metrics import highest_objective, highest_return
 from ogmp_sb3.evaluation.seeds import few_seeds_text
 from ogmp_sb3.guidance.admissible import standing_deviation, standing_still
-from ogmp_sb3.report.page import Picture, Rows, Section, Table, Video, make_picture, write_csv
+from ogmp_sb3.report.page import Part, Rows, Section, Table, fitting, make_picture, write_csv
 from ogmp_sb3.report.panels import Sweep, brief, jobs_along, label_of, mean_curve, shown
 from ogmp_sb3.report.plots.evaluations import plot_terminations
 from ogmp_sb3.report.plots.trainings import FOR_BAND, plot_objectives, plot_sweep_curves
@@ -27,7 +25,7 @@ from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import Run
+from ogmp_sb3.runs.run_directory import Run, samples_text
 
 RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
@@ -193,12 +191,6 @@ def _range(standing: tuple[float, float]) -> str:
     return f"A robot that stands still deviates by {low:.2f} to {high:.2f}, from the easiest to the hardest mode"
 
 
-def highest_return(task: TaskConfig) -> float | None:
-    """The highest return of an episode of the test protocol, None if it is not known."""
-    reward = highest_reward(task.rewards)
-    return None if reward is None else reward * task.evaluation.episode_steps
-
-
 def _common(values: Any) -> Any:
     """The value that all jobs share, else None."""
     different = set(values)
@@ -210,12 +202,12 @@ def jobs(sweep: Sweep, subjects: Subjects, notes: dict[Path, str]) -> Section:
     rows = []
     for job in sweep.jobs:
         subject = subjects.get(job.path)
-        samples = "none" if subject is None or subject.samples is None else f"{subject.samples:,}"
+        samples = "none" if subject is None or subject.samples is None else samples_text(subject.samples)
         remarks = [standing_still(subject.loaded.task) if subject else None, notes.get(job.path)]
         returned = job.final(RETURN)
         rows.append([
-            _label(job, sweep), job.state, f"{job.samples:,}", "" if np.isnan(returned) else f"{returned:.1f}", samples,
-            ". ".join(filter(None, remarks)),
+            _label(job, sweep), job.state, samples_text(job.samples),
+            "" if np.isnan(returned) else f"{returned:.1f}", samples, ". ".join(filter(None, remarks)),
         ])  # fmt: skip
     columns = [
         "job",
@@ -249,6 +241,7 @@ def evaluation(
         [label, *(interval(result.metrics[name]) if name in result.metrics else "" for name in names)]
         for label, result in measured
     ]
+    tables = fitting(Table(rows, ["job", *names], files=["metrics.csv"]))
     causes = [(label, result.terminations) for label, result in measured]
     picture = make_picture(
         out, "terminations", "What ended the episodes.",
@@ -258,7 +251,7 @@ def evaluation(
     text = " ".join(dict.fromkeys(protocol(subject.task, episodes, seed) for subject in subjects.values()))
     counted = (result.episodes - result.copies for _, result in measured)
     text = f"{text} {copies_in_sets_text(counted, episodes, 'jobs')}".rstrip()
-    return Section("Evaluation", text, [Table(rows, ["job", *names], files=["metrics.csv"]), picture])
+    return Section("Evaluation", text, [*tables, picture])
 
 
 def _label(job: Run, sweep: Sweep) -> str:
@@ -269,7 +262,7 @@ def motion(
     sweep: Sweep, subjects: Subjects, evaluations: Evaluations, seed: int, variants: list[str], out: Path
 ) -> Section | None:
     """Motion traces of policies that differ in one key alone, a picture for each key that was swept."""
-    parts: list[Table | Picture | Video] = []
+    parts: list[Part] = []
     tested = [job for job in sweep.jobs if job.path in subjects]
     for key in variants:
         policies = jobs_along(key, tested, sweep.keys, lambda job: rank_key(evaluations[job.path]))

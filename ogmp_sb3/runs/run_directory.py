@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from omegaconf import OmegaConf
+from tqdm import tqdm
 
 from ogmp_sb3.config.messages import Where
 from ogmp_sb3.config.strict import read
@@ -26,6 +27,7 @@ CONFIG = "config.yaml"  # in a run directory: the task, the run, the versions
 # What may change when a run goes on.
 RESUMABLE = ("total_timesteps", "checkpoint_interval", "keep_checkpoints", "torch_threads", "physics_threads", "device")
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
+ELAPSED = "time/time_elapsed"  # column of the log: s since the training began, or went on
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
 CHECKPOINTS = "checkpoints"  # in a run directory: a directory for each, named by its samples
 WEIGHTS, INFO = "policy.safetensors", "policy.json"
@@ -60,6 +62,14 @@ class Run:
         return _samples(self.path, self.log)
 
     @property
+    def seconds(self) -> float:
+        """How long it has trained, s, pauses left out: by the log, without what was trained again after a stop."""
+        elapsed = self.log.get(ELAPSED, np.zeros(0))
+        elapsed = elapsed[np.isfinite(elapsed)]
+        step = np.diff(elapsed, prepend=0.0)
+        return float(np.where(step < 0, elapsed, step).sum())
+
+    @property
     def command(self) -> str:
         """What was typed, as a shell reads it."""
         return shlex.join(["ogmp-train", *self.overrides])
@@ -79,6 +89,11 @@ class Run:
         values = self.log.get(column, np.array([]))[-LAST_ROWS:]
         values = values[np.isfinite(values)]
         return float(values.mean()) if len(values) else float("nan")
+
+
+def samples_text(samples: int) -> str:
+    """A number of samples as people say it: 512, 30.0k, 16.0M."""
+    return str(samples) if samples < 1000 else str(tqdm.format_sizeof(samples))
 
 
 def owner(run: str) -> Path | None:

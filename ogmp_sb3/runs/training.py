@@ -23,6 +23,7 @@ from ogmp_sb3.runs.checkpoint import latest_checkpoint
 from ogmp_sb3.runs.failed_steps import FOLDER as UNSTABLE
 from ogmp_sb3.runs.logs import make_logger, say
 from ogmp_sb3.runs.own_files import check_same_files, with_own_files
+from ogmp_sb3.runs.provenance import BEGAN, provenance
 from ogmp_sb3.runs.robot_copy import ROBOT, read_record
 from ogmp_sb3.runs.run_directory import (
     CONFIG,
@@ -142,6 +143,8 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     if checkpoint is not None:
         checkpoints.restore(checkpoint)
         origin = {**run_config(run_dir), "task": job.task_data, ROBOT: asdict(record)}
+    else:
+        origin[BEGAN] = provenance()
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
     model.set_logger(make_logger(run_dir, resumed_at=model.num_timesteps))

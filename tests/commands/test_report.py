@@ -19,16 +19,18 @@ from PIL import Image
 
 from helpers.faults import read_only
 from helpers.programs import SMALL, program
+from ogmp_sb3.commands.report import run_folders
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.evaluation import grid
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.grid import default_grids
+from ogmp_sb3.evaluation.metrics import highest_return
 from ogmp_sb3.report.heat_maps import NOT_YET
-from ogmp_sb3.report.sweep_sections import highest_return
 from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
+FEW = ["grids=false", "variants=null", "traces=1", "film=false"]
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +78,8 @@ def test_the_page_needs_nothing_else_and_every_picture_can_be_seen(run_page: Pat
             assert ElementTree.fromstring(base64.b64decode(source.partition(",")[2])).tag.endswith("svg")
         files = sorted(path.stem for path in folder.glob("*.svg"))
         assert len(files) == len(pictures)
+        others = [source.partition(";")[0] for source in sources if source not in pictures]
+        assert set(others) <= ({"data:image/png", "data:video/mp4"} if folder is run_page else set())
         for stem in files:
             with Image.open(folder / f"{stem}.png") as image:
                 image.verify()
@@ -88,6 +92,21 @@ def test_the_page_of_a_run_says_what_was_trained(run_page: Path) -> None:
         assert text in html
     titles = re.findall(r"<h2>(.*?)</h2>", html)
     assert titles == ["Run", "Training", "Evaluation", "Falls", "Motion", "Mode parameters", "Mode latent", "Video"]
+
+
+def test_a_page_begins_with_the_robot_and_three_numbers(opengl, run_page: Path) -> None:
+    html = (run_page / "report.html").read_text(encoding="utf-8")
+    head = html[: html.index("<h2>")]
+    (strip,) = re.findall(r'<img src="data:image/png;base64,([^"]*)"', head)
+    assert base64.b64decode(strip) == (run_page / "film.png").read_bytes()
+    with Image.open(run_page / "film.png") as image:
+        assert image.width > image.height and np.ptp(np.asarray(image.convert("L"))) > 100
+    labels = re.findall(r"<strong>(.*?)</strong>", head)
+    assert labels == ["track displacement", "without a fall", "return"]
+    metrics = {row["metric"]: row for row in rows(run_page / "metrics.csv") if row["group"] == "all"}
+    shown = [float(value.split()[0]) for value in re.findall(r"<b>([\d.-]+)", head)]
+    expected = [float(metrics[name]["mean"]) for name in ("true_objective", "no_fall_fraction", "return")]
+    assert shown == pytest.approx([expected[0], 100 * expected[1], expected[2]], abs=0.06)
 
 
 def test_the_curves_are_those_of_progress_csv(run_page: Path) -> None:
@@ -132,7 +151,14 @@ def test_traces_are_of_fixed_seeds_and_variants_of_the_same_policy(run_page: Pat
 
 
 def test_a_run_that_can_only_be_read_has_its_report_elsewhere(sweep: Path, tmp_path: Path) -> None:
-    arguments = [f"run={sweep / '1'}", "episodes=1", "evaluation.episode_steps=5", "grids=false", "variants=null"]
+    arguments = [
+        f"run={sweep / '1'}",
+        "episodes=1",
+        "evaluation.episode_steps=5",
+        "grids=false",
+        "variants=null",
+        "film=false",
+    ]
     with read_only(sweep):
         done = program("report", *arguments, cwd=tmp_path)
         assert done.returncode == 2
@@ -141,7 +167,16 @@ def test_a_run_that_can_only_be_read_has_its_report_elsewhere(sweep: Path, tmp_p
         for target in (f"run={sweep / '1'}", f"sweep={sweep}"):
             of_one = arguments[3:4] if target.startswith("run") else []
             out = target.partition("=")[0]
-            done = program("report", target, *arguments[1:3], *of_one, arguments[4], f"out={out}", cwd=tmp_path)
+            done = program(
+                "report",
+                target,
+                *arguments[1:3],
+                *of_one,
+                arguments[4],
+                *(arguments[5:] if of_one else []),
+                f"out={out}",
+                cwd=tmp_path,
+            )
             assert done.returncode == 0, done.stderr
             assert (tmp_path / out / "report.html").is_file()
             assert (tmp_path / out / "evaluation" / "results.jsonl").read_text().count('"settings"') == {
@@ -167,7 +202,8 @@ def test_the_page_is_there_before_its_heat_maps_and_stays_if_they_are_interrupte
 ) -> None:
     shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
     cells = ["grid_cells=1", "cell_episodes=2", "modes.pace.v=0.8"]
-    arguments = ["run=mine", "episodes=1", "evaluation.episode_steps=5", "variants=null", "traces=1", *cells]
+    quick = ["episodes=1", "evaluation.episode_steps=5", "variants=null", "traces=1", "film=false"]
+    arguments = ["run=mine", *quick, *cells]
     page = tmp_path / "mine" / "report" / "report.html"
     play_sets = grid.play_sets
 
@@ -210,7 +246,7 @@ def test_pages_lie_with_the_run_and_those_of_two_policies_never_meet(tmp_path: P
 
 def test_the_best_policy_has_a_page_of_its_own_with_the_curves_of_its_run(sweep: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(sweep / "1", tmp_path / "mine", ignore=shutil.ignore_patterns("report"))
-    done = program("report", "run=mine/best", *QUICK, "grids=false", "variants=null", "traces=1", cwd=tmp_path)
+    done = program("report", "run=mine/best", *QUICK, *FEW, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(copy / "report" / "best" / "report.html")]
     html = (copy / "report" / "best" / "report.html").read_text()
@@ -219,8 +255,7 @@ def test_the_best_policy_has_a_page_of_its_own_with_the_curves_of_its_run(sweep:
 
 def test_a_policy_without_its_run_has_a_page_of_its_own(sweep: Path, tmp_path: Path) -> None:
     shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
-    quick = ["grids=false", "variants=null", "traces=1"]
-    done = program("report", "run=mine", *QUICK, *quick, cwd=tmp_path)
+    done = program("report", "run=mine", *QUICK, *FEW, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
     assert "Training" not in re.findall(r"<h2>(.*?)</h2>", (tmp_path / "mine" / "report" / "report.html").read_text())
@@ -305,6 +340,22 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
     assert "1/progress.csv: not readable as a log of numbers" in html
 
 
+def test_runs_may_be_a_list_with_commas_a_pattern_or_one_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b1", "b2", "with,comma"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.yaml").write_text("")
+    expected = {
+        "a, b1": ["a", "b1"], "a,b*": ["a", "b1", "b2"], "[a, b1]": ["a", "b1"], "with,comma": ["with,comma"],
+        "with,*": ["with,comma"], "b*": ["b1", "b2"], "a": ["a"], '["with,comma", a]': ["with,comma", "a"],
+    }  # fmt: skip
+    assert {text: list(map(str, run_folders(text))) for text in expected} == expected
+    with pytest.raises(ValueError, match=r"no directory of a run is .c.\. A directory with a comma"):
+        run_folders("a,c")
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -322,7 +373,7 @@ def test_a_sweep_in_which_nothing_was_trained_has_a_page(tmp_path: Path) -> None
             ["runs=[{sweep}/0, b]"],
             "'runs': no directory of a run is 'b'. A directory with a comma in its name is put in quotes",
         ),
-        (["runs=[1, 2]"], "'runs' must be directories, .a,b., or a pattern, found .1, 2."),
+        (["runs=[1, 2]"], "'runs' must be directories, a,b, or a pattern, found .1, 2."),
         (["run={sweep}/0", "max_distance=50"], "'max_distance' is of endless tracks: give 'endless'"),
         (["run={sweep}/0", "endless=0"], "'endless' must be at least 1, found 0"),
         (["run=dive", "endless=5"], "'endless' is for tracks: the modes of 'dive' take a time"),

@@ -11,6 +11,7 @@ from ogmp_sb3.evaluation.metrics import (
     flip_and_land,
     flip_angle,
     highest_objective,
+    highest_return,
     limited,
     limits_of,
     track_displacement,
@@ -213,3 +214,8 @@ def test_the_true_objective_is_measured_against_the_test_track_or_one_dive() -> 
 def test_an_objective_that_does_not_say_what_it_can_reach_has_no_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(registry.objectives._functions, "hops", lambda record: 3.0)
     assert highest_objective(load_task("parkour", {"objective": "hops"})) is None
+
+
+@pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
+def test_the_highest_return_is_full_reward_at_every_step_of_the_test(task: str, expected: float) -> None:
+    assert highest_return(load_task(task)) == pytest.approx(expected)

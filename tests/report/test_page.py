@@ -7,7 +7,20 @@ import csv
 import re
 from pathlib import Path
 
-from ogmp_sb3.report.page import Section, Table, Video, data_uri, make_picture, write_csv, write_page
+from ogmp_sb3.report.page import (
+    ABREAST,
+    KeyNumber,
+    KeyNumbers,
+    Note,
+    Section,
+    Table,
+    Video,
+    data_uri,
+    fitting,
+    make_picture,
+    write_csv,
+    write_page,
+)
 
 
 def draw(path: Path) -> None:
@@ -40,6 +53,26 @@ def test_text_is_never_markup(tmp_path: Path) -> None:
     html = (tmp_path / "page.html").read_text()
     assert "<script>" not in html
     assert html.count("&lt;script&gt;") >= 6
+
+
+def test_what_stands_above_the_first_section_is_not_among_the_contents(tmp_path: Path) -> None:
+    numbers = KeyNumbers([KeyNumber("10.0 m", "way", "n = <3>.")])
+    write_page(tmp_path / "page.html", "Title", "more", [Section("", "", [Note("<words>"), numbers])])
+    html = (tmp_path / "page.html").read_text()
+    assert "<h2>" not in html and "<li>" not in html
+    assert "<p>&lt;words&gt;</p>" in html
+    assert "<b>10.0 m</b> <strong>way</strong><p>n = &lt;3&gt;.</p>" in html
+
+
+def test_a_wide_table_becomes_several_that_fit_with_the_leading_columns_in_each() -> None:
+    names = [str(i) for i in range(ABREAST + 1)]
+    wide = Table([["a", "b", *names]], ["job", "n", *names], "All.", ["all.csv"])
+    first, second = fitting(wide, 2)
+    assert (first.columns, first.rows) == (["job", "n", *names[:-1]], [["a", "b", *names[:-1]]])
+    assert (second.columns, second.rows) == (["job", "n", names[-1]], [["a", "b", names[-1]]])
+    assert [(each.caption, each.files) for each in (first, second)] == [("All.", []), ("", ["all.csv"])]
+    assert fitting(first, 2) == [first]
+    assert fitting(Table([["a"]], ["job"])) == [Table([["a"]], ["job"])]
 
 
 def test_a_table_for_a_file_keeps_every_digit_and_leaves_out_nan(tmp_path: Path) -> None:

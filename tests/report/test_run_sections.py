@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ogmp_sb3.config.load import load_task
@@ -14,6 +15,7 @@ from ogmp_sb3.evaluation.statistics import Estimate, estimate
 from ogmp_sb3.evaluation.traces import Trace
 from ogmp_sb3.report import run_sections
 from ogmp_sb3.report.page import Table, Video
+from ogmp_sb3.runs.run_directory import Run
 
 PARKOUR = load_task("parkour")
 
@@ -47,11 +49,40 @@ def test_mean_and_interval_fit_one_cell() -> None:
 def test_the_evaluation_says_that_copies_count_once(tmp_path: Path) -> None:
     each = {"return": Estimate(1.0, 0.5, 4, 0.0, 2.0)}
     found = Evaluation(each, {}, 0.0, {"fall": 4}, copies=12)
-    subject = SimpleNamespace(
-        task=PARKOUR, evaluation=lambda episodes, seed, progress: found, evaluation_steps=lambda episodes, seed: 0
-    )
-    section = run_sections.evaluation(subject, 16, 0, tmp_path)  # type: ignore[arg-type]
+    section = run_sections.evaluation(SimpleNamespace(task=PARKOUR), found, 0, tmp_path)  # type: ignore[arg-type]
     assert section.text.endswith("12 of 16 episodes are copies of others and count once.")
+
+
+def test_a_run_says_when_where_for_how_long_and_by_which_command_it_was_trained() -> None:
+    info = {"num_timesteps": 16_001_024, "versions": {"mujoco": "3.17.0"}}
+    loaded = SimpleNamespace(task=PARKOUR, info=info, path=Path("run"))
+    subject = SimpleNamespace(loaded=loaded, samples=16_001_024, overrides=[])
+    began = {"date": "2026-01-31 12:00 UTC", "machine": "Fast 3000, 2 CPUs, Linux", "commit": "0123456789ab"}
+    config = {"train": {"total_timesteps": 20_000_000}, "began": began}
+    log = {"time/total_timesteps": np.array([1e6, 16e6]), "time/time_elapsed": np.array([60.0, 7260.0])}
+    run = Run(Path("run"), ("task=parkour", "modes.jump.h=[0.2,0.3]"), config, log, "stopped")
+    (table,) = run_sections.overview(subject, run).parts  # type: ignore[arg-type]
+    assert isinstance(table, Table)
+    told = {row[0]: row[1] for row in table.rows}
+    assert told["samples"] == "16.0M; the run is stopped, with 16.0M of 20.0M"
+    assert [told[key] for key in ("date", "machine", "commit")] == list(began.values())
+    assert told["trained for"] == "2 h 01 min, 2,204 samples/s, pauses left out"
+    assert told["command"] == "ogmp-train task=parkour 'modes.jump.h=[0.2,0.3]'"
+    assert list(told)[-5:] == ["date", "trained for", "machine", "commit", "command"]
+
+
+def test_a_run_of_before_that_was_recorded_says_what_there_is() -> None:
+    loaded = SimpleNamespace(task=PARKOUR, info={}, path=Path("run"))
+    subject = SimpleNamespace(loaded=loaded, samples=None, overrides=[])
+    run = Run(Path("run"), (), {"train": {"total_timesteps": 100}}, {}, "failed")
+    (table,) = run_sections.overview(subject, run).parts  # type: ignore[arg-type]
+    assert isinstance(table, Table)
+    assert not {"date", "trained for", "machine", "commit", "command"} & {row[0] for row in table.rows}
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(20.0, "0 min"), (3570.0, "1 h 00 min"), (59.0 * 60, "59 min")])
+def test_a_time_is_in_hours_and_minutes(seconds: float, text: str) -> None:
+    assert run_sections.duration(seconds) == text
 
 
 def test_variants_are_told_from_what_was_trained_and_oracles_are_those_of_the_task(monkeypatch, tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_seeds_with_different_numbers_of_episodes_and_of_samples_are_said_to_hav
     assert section is not None
     over_episodes = section.parts[1]
     assert isinstance(over_episodes, Table) and over_episodes.rows[0][1] == "24 = 20 + 4"
-    assert "The policies of all runs are of 1,000 to 2,000 samples." in section.text
+    assert "The policies of all runs are of 1.00k to 2.00k samples." in section.text
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from ogmp_sb3.report.seeds_section import seed_groups
 from ogmp_sb3.report.sweep_sections import (
     curves,
     evenly_spaced,
-    highest_return,
     load_subjects,
     objectives,
     overview,
@@ -39,11 +38,6 @@ def read_csv(path: Path) -> list[dict[str, str]]:
 def test_of_many_traces_some_are_drawn_with_the_first_and_the_last() -> None:
     assert evenly_spaced(12) == [0, 1, 2, 4, 5, 6, 7, 9, 10, 11]
     assert evenly_spaced(3) == [0, 1, 2]
-
-
-@pytest.mark.parametrize(("task", "expected"), [("parkour", 400 * 1.0), ("dive", 150 * 1.0)])
-def test_the_highest_return_is_full_reward_at_every_step_of_the_test(task: str, expected: float) -> None:
-    assert highest_return(load_task(task)) == pytest.approx(expected)
 
 
 def test_objectives_have_the_interval_of_the_episodes_or_that_of_the_seeds(tmp_path: Path) -> None:

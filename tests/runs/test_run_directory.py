@@ -11,7 +11,7 @@ import pytest
 from helpers.run_directories import make_run, write_log
 from ogmp_sb3.runs.atomic import locked
 from ogmp_sb3.runs.logs import STEP_COLUMN
-from ogmp_sb3.runs.run_directory import FAILURE, read_log, read_run
+from ogmp_sb3.runs.run_directory import FAILURE, read_log, read_run, samples_text
 
 
 @pytest.mark.parametrize(
@@ -60,3 +60,18 @@ def test_the_final_value_is_the_mean_of_the_last_rows(tmp_path: Path) -> None:
     run = read_run(make_run(tmp_path / "run", [], steps=1000))
     assert run.final("episode/return") == np.mean([600, 700, 800, 900, 1000])
     assert np.isnan(run.final("episode/level"))
+
+
+def test_the_time_of_a_training_leaves_out_pauses_and_what_was_trained_again(tmp_path: Path) -> None:
+    path = make_run(tmp_path / "run", [])
+    assert read_run(path).seconds == 0.0
+    # stopped after 30 s, when 25 s were logged; the clock of the log begins anew where it went on
+    write_log(path / "progress.csv", [1, 2, 3, 4, 5], time__time_elapsed=[10.0, 25.0, 8.0, "", 20.0])
+    assert read_run(path).seconds == pytest.approx(25.0 + 20.0)
+
+
+@pytest.mark.parametrize(
+    ("samples", "text"), [(0, "0"), (512, "512"), (30_000, "30.0k"), (1_563_648, "1.56M"), (16_001_024, "16.0M")]
+)
+def test_samples_are_written_as_people_say_them(samples: int, text: str) -> None:
+    assert samples_text(samples) == text

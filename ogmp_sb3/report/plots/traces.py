@@ -17,13 +17,17 @@ UP_EVERY, UP_LENGTH = 4, 0.1  # control steps between strokes along the trunk, a
 
 @in_style
 def plot_traces(traces: list[Trace], path: Path) -> None:
-    """Motion traces, each with its deviation from the reference below; short ones side by side (paper, fig:abl_trc).
+    """Motion traces, each with its deviation from the reference below (paper, fig:abl_trc).
+
+    Motions along a track have one axis for both, the way. Short ones, as a dive, are drawn side by side, and their
+    deviation over the control steps: most of it is where the robot hardly moves along.
 
     :param traces: episodes
     :param path: picture to write
     """
     (start, end), (floor, ceiling) = _extent(traces)
-    columns = min(len(traces), 3) if end - start < SHORT else 1
+    short = end - start < SHORT
+    columns = min(len(traces), 3) if short else 1
     rows, width = -(-len(traces) // columns), TRACE_WIDTH / columns
     more = max(width / TRACE_HEIGHT * (ceiling - floor) - (end - start), 0.0)  # ground around a short motion
     start, end = start - 0.25 * more, end + 0.75 * more
@@ -38,14 +42,21 @@ def plot_traces(traces: list[Trace], path: Path) -> None:
     for trace, above, below in zip(traces, grid[::2].flat, grid[1::2].flat, strict=False):
         _draw_trace(above, trace, floor, colours)
         above.set(title=trace.title, ylabel="height (m)", xlim=(start, end), ylim=(floor, ceiling))
-        above.set_xlabel(f"{'xy'[trace.axis]} (m)", labelpad=0)
         above.locator_params(axis="x", nbins=5 if columns > 1 else 12)
-        below.plot(trace.deviation, color="0.2", linewidth=1.0)
+        way = f"{'xy'[trace.axis]} (m)"
+        if short:
+            above.set_xlabel(way, labelpad=0)
+            below.plot(trace.deviation, color="0.2", linewidth=1.0)
+            below.set(xlim=(0, longest))
+        else:
+            above.tick_params(labelbottom=False)
+            below.plot(trace.base[:, 0], trace.deviation, color="0.2", linewidth=1.0)
+            below.sharex(above)
         if trace.rho is not None:
             below.axhline(trace.rho, color="#d55e00", linestyle="--", linewidth=1.0)
             below.annotate("ρ", (1.0, trace.rho), xycoords=("axes fraction", "data"), color="#d55e00", va="center")
-        below.set(ylabel="deviation", xlim=(0, longest), ylim=(0.0, 1.1 * largest))
-        below.set_xlabel("control step", labelpad=0)
+        below.set(ylabel="deviation", ylim=(0.0, 1.1 * largest))
+        below.set_xlabel("control step" if short else way, labelpad=0)
     figure.align_ylabels()
     handles = legend_entries(list(grid[::2].flat))
     figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=len(handles))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter
 
 from ogmp_sb3.report.plots.style import CAUSE_COLOURS, colours_of, in_style, legend_entries, panel_grid, save, subplots
 from ogmp_sb3.runs.logs import STEP_COLUMN
@@ -44,7 +45,7 @@ def plot_training(
     :param rho: permissible-state bound, drawn into the panel of the deviation
     :param path: picture to write
     """
-    samples = log[STEP_COLUMN] / 1e6
+    samples = log[STEP_COLUMN]
     count = len(columns) + 1
     rows = -(-count // 3)
     figure, grid = subplots(rows, 3, (10.5, 2.7 * rows))
@@ -64,7 +65,8 @@ def plot_training(
         axes.stackplot(samples, shares, labels=causes.values(), colors=[colours[cause] for cause in causes.values()])
         axes.legend(fontsize="small", ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         axes.set(xlim=(samples[0], max(samples[-1], samples[0] + 1e-9)), ylim=(0.0, 1.0))
-    axes.set(xlabel="samples (millions)", ylabel="episodes ended by")
+    _count_samples(axes)
+    axes.set(ylabel="episodes ended by")
     save(figure, path)
 
 
@@ -96,9 +98,9 @@ def plot_sweep_curves(rows: Rows, key: str, path: Path, seeds: Rows = ()) -> Non
                 for name in ("samples", "mean", "low", "high", "seeds")
             )
             style = "--" if line == NO_VALUE else "-"
-            axes.plot(x / 1e6, smoothed(mean), style, color=colour, linewidth=1.6, label=f"{key} = {line}")
+            axes.plot(x, smoothed(mean), style, color=colour, linewidth=1.6, label=f"{key} = {line}")
             band = np.where(count >= FOR_BAND, [low, high], np.nan)
-            axes.fill_between(x / 1e6, *map(smoothed, band), color=colour, alpha=0.2, linewidth=0)
+            axes.fill_between(x, *map(smoothed, band), color=colour, alpha=0.2, linewidth=0)
             mine = [row for row in seeds if (row["panel"], row["line"]) == (panel, line)]
             reach += [*smoothed(mean), *_draw_seeds(axes, mine, colour)]
         _frame(axes, "return")
@@ -115,7 +117,7 @@ def _draw_seeds(axes: Axes, rows: Rows, colour: Any) -> list[float]:
     for seed in dict.fromkeys(row["seed"] for row in rows):
         mine = [row for row in rows if row["seed"] == seed]
         values = smoothed(np.array([row["return"] for row in mine], dtype=float))
-        axes.plot([row["samples"] / 1e6 for row in mine], values, color=colour, linewidth=0.5, alpha=0.6)
+        axes.plot([row["samples"] for row in mine], values, color=colour, linewidth=0.5, alpha=0.6)
         reach += values.tolist()
     return reach
 
@@ -220,5 +222,12 @@ def _between(places: dict[str, int], numbers: tuple[float, float]) -> np.ndarray
 
 
 def _frame(axes: Axes, label: str) -> None:
-    axes.set(xlabel="samples (millions)", ylabel=label)
+    _count_samples(axes)
+    axes.set(ylabel=label)
     axes.grid(alpha=0.3)
+
+
+def _count_samples(axes: Axes) -> None:
+    """Write samples along the horizontal axis as 500k and 16M."""
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.set(xlabel="samples")

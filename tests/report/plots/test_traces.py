@@ -58,6 +58,21 @@ def test_long_traces_stand_below_each_other_and_short_ones_side_by_side(figures:
     assert columns == [1, 2]
 
 
+def test_along_a_track_motion_and_deviation_have_one_axis(figures: list[Figure]) -> None:
+    traces.plot_traces([TRACE], Path("unused"))
+    above, below = figures[0].axes
+    np.testing.assert_allclose(below.lines[0].get_xdata(), WAY[:, 0])
+    assert below.get_xlim() == above.get_xlim()
+    assert (above.get_xlabel(), below.get_xlabel()) == ("", "x (m)")
+
+
+def test_below_a_short_motion_is_its_deviation_over_time(figures: list[Figure]) -> None:
+    traces.plot_traces([replace(TRACE, base=0.1 * WAY, references=[])], Path("unused"))
+    above, below = figures[0].axes
+    np.testing.assert_allclose(below.lines[0].get_xdata(), np.arange(STEPS + 1))
+    assert (above.get_xlabel(), below.get_xlabel()) == ("x (m)", "control step")
+
+
 def test_the_band_of_the_bound_is_drawn_where_it_bounds_the_height(figures: list[Figure]) -> None:
     traces.plot_traces([replace(TRACE, half_band=0.1)], Path("unused"))
     assert "within ρ" in [area.get_label() for area in figures[0].axes[0].collections]

@@ -105,5 +105,6 @@ def test_curves_have_a_panel_and_a_line_for_each_job_that_has_begun(figures: lis
         ("rho = 0.3", "-"),
         ("rho = null", "--"),
     ]
-    np.testing.assert_allclose(preview.lines[0].get_xdata(), [1.0, 2.0])
+    np.testing.assert_allclose(preview.lines[0].get_xdata(), [1e6, 2e6])
+    assert preview.xaxis.get_major_formatter()(1_500_000) == "1.5M"
     np.testing.assert_allclose(preview.lines[0].get_ydata(), trainings.smoothed(np.array([2.0, 3.0])))
