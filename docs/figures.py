@@ -18,7 +18,7 @@ from pathlib import Path
 from PIL import Image
 
 from ogmp_sb3 import Player, load_policy
-from ogmp_sb3.rendering.viewer import Viewer
+from ogmp_sb3.rendering.viewer import Performer, Viewer
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -85,7 +85,7 @@ def draw_robustness() -> None:
 def draw_viewer() -> None:
     """The browser viewer while it plays parkour."""
     loaded = load_policy("parkour")
-    viewer = Viewer(lambda _: Player(loaded.task, loaded.policy, seed=3), "127.0.0.1", 0)
+    viewer = Viewer(lambda *_: [Performer(Player(loaded.task, loaded.policy, seed=3))], "127.0.0.1", 0)
     with tempfile.TemporaryDirectory() as folder:
         browser = Browser(f"http://127.0.0.1:{viewer.server.get_port()}", Path(folder), size=(1400, 900))
         while "Command" not in (browser.javascript("document.body.innerText") or ""):
@@ -93,7 +93,7 @@ def draw_viewer() -> None:
             time.sleep(0.1)
         while viewer.player.frame.time < SETTLED:
             viewer.advance(0.03)
-        viewer.paused = True
+        viewer.settings.paused = True
         end = time.monotonic() + 20.0  # software rendering takes its time
         while time.monotonic() < end:
             viewer.advance(0.1)

@@ -19,23 +19,27 @@ from ogmp_sb3.rendering.frame import Frame
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.video import check_suffix, picture_count, write_video
-from ogmp_sb3.rendering.viewer import Viewer
+from ogmp_sb3.rendering.viewer import Performer, Viewer
 from ogmp_sb3.report.replay import INDEX, check_folder, write_replay
 from ogmp_sb3.runs.callbacks import progress_bar, steps_bar
 from ogmp_sb3.runs.policies import load_policy
+from ogmp_sb3.runs.run_directory import BEST, CONFIG, checkpoint_dirs
 
 PROGRAM = "ogmp-play"
 SECONDS, EPISODES = 12.0, 20  # defaults
+LATEST = "latest"
+MOST_ROBOTS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlayConfig:
     """Keys of the command line."""
 
-    run: str | None = cli.option(RUN, None)
+    run: str | None = cli.option(f"{RUN}; a,b: several, side by side in the browser", None)
     task: str | None = cli.option("instead of a run, a task: only its oracle plays; or that of an SB3 .zip", None)
     scene: str | None = cli.option("modes to command, a shipped scene or a YAML file; null: the task's own", None)
     seed: int = cli.option("of the modes that are drawn", 0)
+    robots: int = cli.option("how many play side by side in the browser, with seeds from 'seed' on", 1)
     host: str = cli.option("address the viewer listens on; 0.0.0.0: the whole network can play", "127.0.0.1")
     port: int = cli.option("port of the viewer", 8080)
     video: str | None = cli.option("file to write instead: .mp4, .gif, or .png for a strip of pictures", None)
@@ -49,6 +53,13 @@ class PlayConfig:
         of_zip = self.run is not None and Path(self.run).is_file()
         if (self.run is None) == (self.task is None) and not of_zip:
             raise ValueError("give either 'run' (a policy) or 'task' (its oracle alone).")
+        if not 1 <= self.robots <= MOST_ROBOTS:
+            raise ValueError(f"'robots' must be from 1 to {MOST_ROBOTS}, found {self.robots}.")
+        side_by_side = self.robots > 1 or len(self.runs) > 1
+        if side_by_side and (self.video is not None or self.web is not None):
+            raise ValueError("several robots are for the browser: give one of them for 'video' and 'web'.")
+        if self.robots > 1 and len(self.runs) > 1:
+            raise ValueError("give either 'robots' of one policy, or several policies.")
         if self.seed < 0:
             raise ValueError(f"'seed' must be at least 0, found {self.seed}.")
         if self.seconds is not None and self.seconds <= 0:
@@ -67,6 +78,15 @@ class PlayConfig:
         if not 0 <= self.port < 65536:
             raise ValueError(f"'port' must be from 0 to 65535, found {self.port}.")
 
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The policies that play: one, but for a list with commas that is no name of a directory or file itself."""
+        if self.run is None:
+            return ()
+        if Path(self.run).exists():
+            return (self.run,)
+        return tuple(name.strip() for name in self.run.split(",") if name.strip())
+
 
 HELP = cli.usage(
     PROGRAM,
@@ -75,6 +95,8 @@ HELP = cli.usage(
         "ogmp-play run=runs/parkour/2026-01-31_12-00-00",
         "ogmp-play run=parkour scene=pace_to_jump oracle=lqr",
         "ogmp-play run=parkour modes.jump.h=[0.35,0.4]",
+        "ogmp-play run=parkour robots=4",
+        "ogmp-play run=parkour,runs/parkour/2026-01-31_12-00-00",
         "ogmp-play task=dive",
         "ogmp-play run=parkour video=parkour.mp4 seconds=20",
         "ogmp-play run=parkour video=strip.png seconds=3",
@@ -108,21 +130,49 @@ def load(config: PlayConfig, overrides: list[str]) -> tuple[TaskConfig, Policy |
 
 def _run(arguments: list[str]) -> None:
     config, overrides = cli.parse(PlayConfig, arguments, PROGRAM, cli.task_keys(TaskConfig))
-    if config.run is not None:  # the same one for as long as it plays
-        config = replace(config, run=named_run(PROGRAM, config.run))
+    runs = [named_run(PROGRAM, run) for run in config.runs]  # the same ones for as long as they play
+    if len(runs) == 1:
+        config = replace(config, run=runs[0])
     if config.web is not None:
         path = _write_page(config, overrides, Path(config.web))
     elif config.video is not None:
         path = _write_video(config, overrides, Path(config.video))
     else:
         cli.require("viewer", "viser")
-        Viewer(partial(_player, config), config.host, config.port, overrides, config.seed).run()
+        policies = partial(_policies, runs)
+        Viewer(partial(_cast, config, runs), config.host, config.port, overrides, config.seed, policies).run()
         return
     cli.console().print(str(path))
 
 
 def _player(config: PlayConfig, overrides: list[str]) -> Player:
     return Player(*load(config, overrides), config.seed)
+
+
+def _cast(config: PlayConfig, runs: list[str], overrides: list[str], policy: str) -> list[Performer]:
+    """Who plays in the viewer: the policies of several runs on the same track, or robots of one on tracks of their own.
+
+    :param runs: none: the oracle alone
+    :param policy: of the one run, one of :func:`_policies`; empty: the run says it itself
+    """
+    if len(runs) > 1:
+        loaded = [(name, load(replace(config, run=name), overrides)) for name in runs]
+        return [Performer(Player(*each, config.seed), name) for name, each in loaded]
+    run = config.run if policy in ("", LATEST) else f"{config.run}/{policy}"
+    each = load(replace(config, run=run), overrides)
+    return [Performer(Player(*each, config.seed + i), f"robot {i + 1}", i) for i in range(config.robots)]
+
+
+def _policies(runs: list[str]) -> list[str]:
+    """The policies of a run to choose from: the latest, its checkpoints from the newest on, and the best.
+
+    :param runs: what was given; there is no choice but of one run directory
+    """
+    if len(runs) != 1 or not (Path(runs[0]) / CONFIG).is_file():
+        return []
+    folder = Path(runs[0])
+    checkpoints = [str(path.relative_to(folder)) for path in reversed(checkpoint_dirs(folder))]
+    return [LATEST, *checkpoints, *([BEST] if (folder / BEST).is_dir() else [])]
 
 
 def _played(player: Player, seconds: float | None) -> list[Frame]:

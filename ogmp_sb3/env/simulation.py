@@ -241,6 +241,25 @@ class Simulation:
         touching: np.ndarray = (self._sensors[:, self._body_contacts] > 0).any(axis=1)
         return touching
 
+    def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Where the robot of a simulation touches the ground now, and the forces on it.
+
+        They are computed anew, which takes a millisecond or more: for who looks at one simulation.
+
+        :return: points, shape (n, 3), m, and forces, shape (n, 3), N, both in the world frame
+        """
+        model, data = self.mj.get_model(row), self.mj.get_data(row)
+        mujoco.mj_forward(model, data)
+        contact, wrench = data.contact, np.zeros(6)
+        forces = np.zeros((data.ncon, 3))
+        for i in range(data.ncon):
+            mujoco.mj_contactForce(model, data, i, wrench)
+            forces[i] = contact.frame[i].reshape(3, 3).T @ wrench[:3]  # on the second geom
+        bodies = model.geom_bodyid[contact.geom.reshape(-1, 2)]  # (n, 2); the world is 0
+        forces[bodies[:, 1] == 0] *= -1.0
+        grounded = (bodies == 0).any(axis=1)
+        return contact.pos[grounded], forces[grounded]
+
     def unstable(self) -> np.ndarray:
         """Simulations that MuJoCo failed in or warned about since they were placed, or that are not finite.
 

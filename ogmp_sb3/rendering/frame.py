@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class Frame(Drawable):
     """weighted distance to the reference"""
     ended: str
     """the rule that ended the episode; empty while it runs"""
+    reward_terms: Mapping[str, float] = field(default_factory=dict)
+    """the terms of the reward"""
 
 
 def join_terrain(terrains: Iterable[np.ndarray]) -> np.ndarray:

@@ -90,7 +90,9 @@ class Player:
             action = self._actor.act(self._observation)
         result = self.env.step(action)
         self._observation = result.observation
-        self.frame = self._frame(result.view, self.frame, float(result.reward[0]), str(result.termination[0]))
+        frame = self._frame(result.view, self.frame, float(result.reward[0]), str(result.termination[0]))
+        terms = {name: float(values[0]) for name, values in result.reward_terms.items()}
+        self.frame = replace(frame, reward_terms=terms)
         return self.frame
 
     def command(self, mode: str, **parameters: float | str) -> None:
@@ -110,6 +112,13 @@ class Player:
         """
         v = self.env.sim.base_qvel
         self.env.sim.qvel[0, v : v + 2] += velocity
+
+    def contacts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the robot touches the ground now, and the forces on it; none where only the oracle plays.
+
+        :return: points, shape (n, 3), m, and forces, shape (n, 3), N
+        """
+        return (np.zeros((0, 3)), np.zeros((0, 3))) if self.policy is None else self.env.sim.contacts(0)
 
     def _frame(self, view: EnvView, before: Frame | None, reward: float, ended: str) -> Frame:
         frame = frame_of(self.env, 0, view, before, reward, ended)

@@ -48,6 +48,13 @@ def visible_geoms(model: mujoco.MjModel) -> list[int]:
     return np.flatnonzero(drawn).tolist()
 
 
+def collision_geoms(model: mujoco.MjModel) -> list[int]:
+    """The geoms of a robot that can touch something, of those that :func:`geom_mesh` can draw."""
+    touching = (model.geom_contype | model.geom_conaffinity) != 0
+    drawable = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_type != mujoco.mjtGeom.mjGEOM_HFIELD)
+    return np.flatnonzero(touching & drawable & (model.geom_bodyid > 0)).tolist()
+
+
 def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Red, green and blue of a geom, shape (3,), 0 to 1."""
     material = model.geom_matid[geom]

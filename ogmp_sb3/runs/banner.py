@@ -12,7 +12,7 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.runs.films import FOLDER as FILMS
 from ogmp_sb3.runs.run_directory import CONFIG, RESUMABLE, entry, run_config
 from ogmp_sb3.runs.run_folders import relative
-from ogmp_sb3.runs.settings import TrainConfig, thread_count
+from ogmp_sb3.runs.settings import TENSORBOARD, TrainConfig, thread_count
 from ogmp_sb3.sb3.hyperparameters import PPOConfig
 from ogmp_sb3.sb3.recurrent_ppo import RecurrentPPO
 from ogmp_sb3.sb3.vec_env import OgmpVecEnv
@@ -40,7 +40,7 @@ def banner(run_dir: Path, config: TrainConfig, model: RecurrentPPO, overrides: S
         f"networks, which are on {model.device}",
         "time": "said after half a minute of training, by its pace",
         **({"videos": f"every {config.videos:,} samples into {folder}/{FILMS}"} if config.videos else {}),
-        "TensorBoard": f"tensorboard --logdir {shlex.quote(folder)}",
+        **({"TensorBoard": f"tensorboard --logdir {shlex.quote(folder)}"} if TENSORBOARD in config.trackers else {}),
     }
     width = max(map(len, rows))
     return "\n".join([folder, *(f"  {name:<{width}}  {text}" for name, text in rows.items())])

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.programs import SMALL, program
-from ogmp_sb3.commands.play import PlayConfig, load
+from ogmp_sb3.commands.play import PlayConfig, _cast, _policies, load
 from ogmp_sb3.rendering.player import Player
 
 
@@ -32,6 +32,29 @@ def test_overrides_and_scene_change_the_task_that_a_policy_plays(run: Path) -> N
     player = Player(task, policy)
     assert player.frame.mode == "pace v 0.60, length 1.50"
     assert player.step().time == pytest.approx(0.03)
+
+
+def test_several_policies_play_the_same_track_and_several_robots_tracks_of_their_own() -> None:
+    runs = PlayConfig(run="parkour,parkour", seed=3)
+    first, second = _cast(runs, list(runs.runs), [], "")
+    assert (first.name, first.later, second.later) == ("parkour", 0, 0)
+    assert first.player.env.modes[0] == second.player.env.modes[0]
+    one, other = _cast(PlayConfig(task="parkour", robots=2, seed=3), [], [], "")
+    assert (one.name, other.name, other.later) == ("robot 1", "robot 2", 1)
+    assert other.player.env.modes[0] == Player(other.player.task, None, 4).env.modes[0] != one.player.env.modes[0]
+
+
+def test_the_policies_of_a_run_can_be_chosen_the_newest_checkpoint_second(run: Path, tmp_path: Path) -> None:
+    names = _policies([str(run)])
+    assert names[0] == "latest" and names[1] == "checkpoints/000000000128" and names[-1] == "best"
+    assert _policies(["parkour"]) == _policies([str(run), str(run)]) == _policies([]) == []
+    assert all(_cast(PlayConfig(run=str(run)), [str(run)], [], name) for name in names)
+
+
+def test_a_directory_with_a_comma_in_its_name_is_one_run(tmp_path: Path) -> None:
+    (tmp_path / "a,b").mkdir()
+    assert PlayConfig(run=str(tmp_path / "a,b")).runs == (str(tmp_path / "a,b"),)
+    assert PlayConfig(run="a, b").runs == ("a", "b")
 
 
 def test_a_task_without_a_policy_takes_the_same_keys() -> None:
@@ -93,6 +116,10 @@ def test_an_oracle_s_way_is_written_into_a_page_where_one_was_before(tmp_path: P
         (["run=parkour", "web=."], "holds 'mine.txt', which is no replay"),
         (["run=parkour", "web=mine.txt"], "'mine.txt' is a file"),
         (["run=parkour", "web=mine.txt/page"], "nothing can be saved there"),
+        (["task=parkour", "robots=0"], "'robots' must be from 1 to 16, found 0"),
+        (["task=parkour", "robots=2", "video=a.mp4"], "several robots are for the browser"),
+        (["run=parkour,dive", "robots=2"], "give either 'robots' of one policy, or several policies"),
+        (["run=parkour,nowhere", "port=0"], "'nowhere' is neither a run directory nor a shipped policy"),
     ],
 )
 def test_mistakes_are_one_sentence(arguments: list[str], sentence: str, tmp_path: Path) -> None:

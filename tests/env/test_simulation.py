@@ -290,3 +290,18 @@ def test_a_push_changes_the_horizontal_velocity_of_its_rows_alone() -> None:
     expected = np.ones_like(sim.qvel)
     expected[0, :2], expected[2, :2] = (1.5, 0.5), (3.0, 1.0)
     np.testing.assert_array_equal(sim.qvel, expected)
+
+
+# ---- contacts ----
+
+
+def test_a_robot_that_lies_still_is_carried_by_the_forces_of_its_contacts() -> None:
+    sim = simulation(2)
+    sim.place(np.arange(2), np.array([[0.0, 0.0, 0.3], [0.0, 0.0, 3.0]]), np.zeros(10))
+    sim.step(None, 150)
+    assert sim.contacts(1)[0].shape == (0, 3)  # it still falls
+    sim.step(None, 3000)
+    points, forces = sim.contacts(0)
+    weight = float(sim.model.body_mass.sum()) * 9.81
+    np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, weight], atol=0.1 * weight)
+    assert (forces[:, 2] >= 0.0).all() and (np.abs(points[:, 2]) < 0.05).all()

@@ -164,3 +164,18 @@ def test_a_push_changes_the_velocity_at_once() -> None:
     pushed, left_alone = still_player(flat()), still_player(flat())
     pushed.push((0.0, 0.5))
     assert pushed.step().base[1] - left_alone.step().base[1] == pytest.approx(0.5 * 0.03, rel=0.3)
+
+
+def test_the_terms_of_the_reward_come_with_a_frame_and_add_up() -> None:
+    frame = still_player(flat()).step()
+    assert set(frame.reward_terms) >= {"position_tracking", "orientation_tracking"}
+    assert sum(frame.reward_terms.values()) == pytest.approx(frame.reward)
+
+
+def test_contacts_are_those_of_the_robot_and_an_oracle_alone_has_none() -> None:
+    player = still_player(flat())
+    while not len(player.contacts()[0]):
+        player.step()
+    points, forces = player.contacts()
+    assert points.shape == forces.shape == (len(points), 3) and forces[:, 2].sum() > 0.0
+    assert Player(load_task("parkour"), None).contacts()[0].shape == (0, 3)

@@ -25,7 +25,7 @@ from helpers.programs import program
 from ogmp_sb3.config.load import load_task
 from ogmp_sb3.config.ranges import Range
 from ogmp_sb3.rendering.player import Player
-from ogmp_sb3.rendering.viewer import PLOT_EVERY, Viewer
+from ogmp_sb3.rendering.viewer import PLOT_EVERY, Performer, Viewer
 
 pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 
@@ -40,7 +40,7 @@ def serve() -> Iterator[Callable[[Player], Viewer]]:
 
     def make(player: Player) -> Viewer:
         with contextlib.redirect_stdout(io.StringIO()):
-            viewers.append(Viewer(lambda _: player, "127.0.0.1", 0))
+            viewers.append(Viewer(lambda *_: [Performer(player)], "127.0.0.1", 0))
         return viewers[-1]
 
     yield make
@@ -58,7 +58,7 @@ def controls(viewer: Viewer) -> dict[str, Any]:
 def test_time_passes_at_the_speed_that_was_chosen(serve) -> None:
     viewer = serve(Player(load_task("parkour"), None))
     for speed, steps in ((1.0, 20), (0.5, 10), (2.0, 40)):
-        viewer.speed = speed
+        viewer.settings.speed = speed
         start = viewer.player.frame.time
         for _ in range(20):
             viewer.advance(STEP)
@@ -67,18 +67,18 @@ def test_time_passes_at_the_speed_that_was_chosen(serve) -> None:
 
 def test_nothing_moves_while_paused_but_single_steps(serve) -> None:
     viewer = serve(Player(load_task("parkour"), None))
-    viewer.paused = True
+    viewer.settings.paused = True
     for _ in range(5):
         viewer.advance(STEP)
     assert viewer.player.frame.time == 0.0
-    viewer._single_step()
+    viewer.single_step()
     viewer.advance(STEP)
     assert viewer.player.frame.time == pytest.approx(STEP)
 
 
 def test_between_two_steps_the_robot_is_on_the_way(serve) -> None:
     viewer = serve(Player(load_task("parkour"), None))
-    viewer.speed = 0.25
+    viewer.settings.speed = 0.25
     places = []
     for _ in range(40):
         viewer.advance(STEP)
@@ -93,7 +93,7 @@ def test_the_world_moves_under_the_robot_until_the_camera_is_let_go(serve) -> No
     for _ in range(20):
         viewer.advance(STEP)
     assert -viewer.stage.world.position[0] == pytest.approx(viewer.player.frame.base[0], abs=0.05)
-    viewer.stage.follow = False
+    viewer.settings.follow = False
     before = viewer.stage.world.position.copy()
     for _ in range(20):
         viewer.advance(STEP)
@@ -102,7 +102,7 @@ def test_the_world_moves_under_the_robot_until_the_camera_is_let_go(serve) -> No
 
 def test_without_a_policy_there_is_no_robot_to_push(serve) -> None:
     alone, policy = serve(Player(load_task("parkour"), None)), serve(still_player(flat()))
-    assert not alone.stage.robot.node.visible and policy.stage.robot.node.visible
+    assert not alone.stage.lanes[0].robot.node.visible and policy.stage.lanes[0].robot.node.visible
     assert "Velocity" not in controls(alone) and "Velocity" in controls(policy)
 
 
@@ -127,7 +127,7 @@ def test_commands_that_leave_no_room_for_terrain_end_the_episode_and_say_so(serv
         viewer.player.command("pace", v=0.8, length=0.02)
     for _ in range(200):
         viewer.advance(STEP)
-    assert "too short" in viewer._last_end
+    assert "too short" in viewer._message
     assert viewer.player.frame.time > 0
 
 
@@ -135,12 +135,15 @@ def test_the_controls_set_what_they_are_called(serve) -> None:
     viewer = serve(still_player(flat()))
     shown = controls(viewer)
     for label, value, found in (
-        ("Pause", True, lambda: viewer.paused),
-        ("Speed", 0.5, lambda: viewer.speed),
-        ("Follow", False, lambda: viewer.stage.follow),
-        ("Ghost", False, lambda: viewer.stage.ghost.node.visible),
-        ("Plan", False, lambda: viewer.stage.trail.visible),
-        ("Bound", False, lambda: viewer.stage.bound.visible),
+        ("Pause", True, lambda: viewer.settings.paused),
+        ("Speed", 0.5, lambda: viewer.settings.speed),
+        ("Follow", False, lambda: viewer.settings.follow),
+        ("Ghost", False, lambda: viewer.stage.lanes[0].ghost.node.visible),
+        ("Plan", False, lambda: viewer.stage.lanes[0].trail.visible),
+        ("Bound", False, lambda: viewer.stage.lanes[0].bound.visible),
+        ("Contacts", True, lambda: viewer.stage.lanes[0].contacts.visible),
+        ("Collision", True, lambda: viewer.stage.lanes[0].collision is not None),
+        ("View", 80.0, lambda: round(float(np.degrees(viewer.server.initial_camera.fov)), 6)),
     ):
         assert found() != value
         shown[label].value = value
@@ -159,18 +162,89 @@ def test_the_plots_show_deviation_and_reward_of_the_last_steps_beside_the_bound(
         frames.append(viewer.player.frame)
     for _ in range(PLOT_EVERY):
         viewer.show()
-    seconds, deviation, bound = viewer._plots[0].data
+    seconds, deviation, bound = viewer._plots.deviation.data
     np.testing.assert_allclose(np.diff(seconds), STEP, rtol=0.01)
     np.testing.assert_allclose(deviation[1:], [frame.deviation for frame in frames[1:]])
     assert set(bound) == {viewer.player.task.rho}
-    np.testing.assert_allclose(viewer._plots[1].data[1][1:], [frame.reward for frame in frames[1:]])
+    np.testing.assert_allclose(viewer._plots.reward.data[1][1:], [frame.reward for frame in frames[1:]])
+
+
+def test_the_terms_of_the_reward_are_plotted_beside_it(serve) -> None:
+    viewer = serve(still_player(flat()))
+    for _ in range(3):
+        viewer.step()
+    viewer.controls.plots.show()
+    names = [series["label"] for series in viewer.controls.plots.reward.series]
+    assert names == ["s", "reward", *viewer.player.frame.reward_terms]
+    _, reward, *terms = viewer.controls.plots.reward.data
+    np.testing.assert_allclose([term[-1] for term in terms], list(viewer.player.frame.reward_terms.values()))
+    np.testing.assert_allclose(np.sum(terms, axis=0), reward)
+
+
+def test_the_pace_is_of_real_time(serve) -> None:
+    viewer = serve(Player(load_task("parkour"), None))
+    viewer.settings.speed = 0.5
+    for _ in range(60):
+        viewer.advance(STEP)
+    assert viewer.pace == pytest.approx(0.5, abs=0.05)
+    viewer.settings.paused = True
+    for _ in range(60):
+        viewer.advance(STEP)
+    assert viewer.pace == pytest.approx(0.0, abs=0.02)
+
+
+def test_what_is_asked_for_is_done_by_every_robot(serve) -> None:
+    players = [still_player(flat()), still_player(flat())]
+    with contextlib.redirect_stdout(io.StringIO()):
+        viewer = Viewer(lambda *_: [Performer(p, str(i), i) for i, p in enumerate(players)], "127.0.0.1", 0, seed=4)
+    try:
+        viewer.step()
+        speeds = [float(p.env.sim.qvel[0, p.env.sim.base_qvel]) for p in players]
+        viewer.push("forward")
+        after = [float(p.env.sim.qvel[0, p.env.sim.base_qvel]) for p in players]
+        np.testing.assert_allclose(np.subtract(after, speeds), 0.5)
+        viewer.command("pace", v=0.7, length=1.0)
+        assert all(p.env.guide.course.commands[0] for p in players)
+        viewer.reset()
+        expected = [Player(p.task, p.policy, 4 + i).env.modes[0] for i, p in enumerate(players)]
+        assert [p.env.modes[0] for p in players] == expected
+    finally:
+        viewer.server.stop()
+
+
+def test_policies_of_a_run_can_be_chosen_and_new_checkpoints_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    names, loaded = ["latest", "checkpoints/1", "best"], []
+
+    def load(overrides: list[str], policy: str) -> list[Performer]:
+        loaded.append((overrides, policy))
+        return [Performer(Player(load_task("parkour"), None))]
+
+    monkeypatch.setattr("ogmp_sb3.rendering.viewer.LOOK_EVERY", -1.0)
+    with contextlib.redirect_stdout(io.StringIO()):
+        viewer = Viewer(load, "127.0.0.1", 0, ["rho=0.3"], policies=lambda: names)
+    try:
+        assert controls(viewer)["Samples"].options == tuple(names)
+        viewer.settings.speed, viewer.settings.ghost = 0.5, False
+        viewer.choose("best")
+        assert loaded == [(["rho=0.3"], "latest"), (["rho=0.3"], "best")]
+        assert controls(viewer)["Samples"].value == "best"
+        assert controls(viewer)["Speed"].value == 0.5 and not viewer.stage.lanes[0].ghost.node.visible
+        viewer.settings.newest = True
+        viewer.advance(STEP)
+        assert len(loaded) == 2  # nothing is new
+        names.insert(1, "checkpoints/2")
+        viewer.advance(STEP)
+        viewer.advance(STEP)
+        assert loaded[2:] == [(["rho=0.3"], "checkpoints/2")]
+    finally:
+        viewer.server.stop()
 
 
 def test_a_command_that_cannot_be_carried_out_is_named_on_the_page_and_the_play_goes_on(serve) -> None:
     viewer = serve(Player(load_task("dive"), None))
-    viewer._asked.put(lambda: viewer.player.command("flip", h=50.0))
+    viewer.ask(lambda: viewer.player.command("flip", h=50.0))
     viewer.advance(STEP)
-    assert "there is room for" in viewer._last_end
+    assert "there is room for" in viewer._message
     viewer.advance(STEP)
     assert viewer.player.frame.time > 0
 
@@ -186,8 +260,8 @@ def apply(viewer: Viewer, overrides: str) -> None:
 
 
 def test_overrides_of_the_task_begin_anew_with_its_bound_and_its_modes(tmp_path: Path) -> None:
-    def load_player(overrides: list[str]) -> Player:
-        return Player(load_task("parkour", overrides), None)
+    def load_player(overrides: list[str], policy: str) -> list[Performer]:
+        return [Performer(Player(load_task("parkour", overrides), None))]
 
     with contextlib.redirect_stdout(io.StringIO()):
         viewer = Viewer(load_player, "127.0.0.1", 0, ["rho=0.3"])
@@ -197,12 +271,12 @@ def test_overrides_of_the_task_begin_anew_with_its_bound_and_its_modes(tmp_path:
         apply(viewer, "rho=0.2 modes.jump=null 'modes.pace.v=[1.0, 1.2]'")
         player = viewer.player
         assert (player.task.rho, player.task.modes["pace"]["v"].high) == (0.2, 1.2)
-        assert viewer.stage.rho == 0.2 and player.frame.time == 0.0
+        assert viewer.stage.lanes[0].rho == 0.2 and player.frame.time == 0.0
         assert controls(viewer)["Mode"].options == ("pace", "leap")
         for mistake, sentence in (("roh=1", "Did you mean 'rho'?"), ("rho='", "quotation"), ("rho=a", "a number")):
             apply(viewer, mistake)
             assert viewer.player is player
-            assert viewer._mistake.visible and sentence in viewer._mistake.content
+            assert viewer.controls._mistake.visible and sentence in viewer.controls._mistake.content
     finally:
         viewer.server.stop()
 
@@ -210,8 +284,8 @@ def test_overrides_of_the_task_begin_anew_with_its_bound_and_its_modes(tmp_path:
 def test_the_disturbances_of_the_training_have_sliders_and_begin_anew_as_they_were_set() -> None:
     trained = ["randomisation.friction.coefficient=[0.4,1.2]", "randomisation.push={speed: [0, 0.6], every: 2}"]
 
-    def load_player(overrides: list[str]) -> Player:
-        return still_player(load_task("parkour", [*trained, *overrides]))
+    def load_player(overrides: list[str], policy: str) -> list[Performer]:
+        return [Performer(still_player(load_task("parkour", [*trained, *overrides])))]
 
     with contextlib.redirect_stdout(io.StringIO()):
         viewer = Viewer(load_player, "127.0.0.1", 0, ["rho=0.3"])
@@ -292,7 +366,7 @@ class Browser:
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the viewer with")
 def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tmp_path: Path) -> None:
     viewer = serve(still_player(flat()))
-    viewer.paused = True
+    viewer.settings.paused = True
     for _ in range(4):
         viewer.step()
     browser = Browser(f"http://127.0.0.1:{viewer.server.get_port()}", tmp_path)
@@ -317,7 +391,7 @@ def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tm
             return int((picture[..., 2] - picture[..., 0] > 100).sum())
 
         until(lambda: orange() > 30 and blue() > 100)
-        viewer.stage.ghost.node.visible = viewer.stage.trail.visible = False
+        viewer.stage.lanes[0].ghost.node.visible = viewer.stage.lanes[0].trail.visible = False
         until(lambda: blue() < 20)
 
         steps = viewer.player.env.step_count[0]
