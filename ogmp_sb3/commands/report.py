@@ -19,7 +19,7 @@ from ogmp_sb3.guidance.course import extent
 from ogmp_sb3.report import falls_section as report_falls
 from ogmp_sb3.report import run_sections as report_run
 from ogmp_sb3.report import sweep_sections as report_sweep
-from ogmp_sb3.report.headline import STRIP, VIDEO, film_of, headline
+from ogmp_sb3.report.headline import STRIP, VIDEO, film_of, headline, replay_of
 from ogmp_sb3.report.heat_maps import heat_maps, heat_maps_to_come
 from ogmp_sb3.report.page import Section, write_page
 from ogmp_sb3.report.panels import shown, sweep_of
@@ -69,6 +69,9 @@ class ReportConfig:
     max_distance: float = cli.option("run: an endless episode is over this far along the track, m", MAX_DISTANCE)
     film: bool = cli.option("run: a strip of pictures of its first episode on top", True)
     video: bool = cli.option("run: a video of that episode too", False)
+    replay: int | None = cli.option(
+        "run: test episodes that those of a replay in 3-D are chosen from; null: no replay", 20
+    )
     variants: str | None = cli.option(
         "motion traces side by side, under other values of some of these keys; sweep: those that were swept",
         ",".join(report_run.VARIANTS),
@@ -88,7 +91,7 @@ class ReportConfig:
                 raise ValueError(
                     f"'{field.name}' is of a sweep; of a run, give the policy itself: run={self.run}/best."
                 )
-        least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1, "endless": 1}
+        least = {"episodes": 1, "seed": 0, "grid_cells": 1, "cell_episodes": 1, "traces": 1, "endless": 1, "replay": 1}
         for name, low in least.items():
             value = getattr(self, name)
             if value is not None and value < low:
@@ -149,8 +152,11 @@ def _report_run(config: ReportConfig, name: str, overrides: list[str], variants:
     kinds = [kind for kind, wanted in ((STRIP, config.film), (VIDEO, config.video)) if wanted]
     with steps_bar(subject.evaluation_steps(episodes, config.seed), "evaluation") as bar:
         result = subject.evaluation(episodes, config.seed, bar.update)
+    views = film_of(subject, config.seed, kinds, out)
+    if config.replay is not None:
+        views.append(replay_of(subject, config.replay, config.seed, out))
     above = [
-        headline(subject, result, film_of(subject, config.seed, kinds, out)),
+        headline(subject, result, views),
         report_run.overview(subject, run),
         report_run.training(run, subject.loaded.task.rho, out) if run else None,
         report_run.evaluation(subject, result, config.seed, out),

@@ -1,4 +1,4 @@
-"""What a report on one run begins with: pictures of the robot, and three numbers."""
+"""What a report on one run begins with: pictures and a replay of the robot, and three numbers."""
 
 from __future__ import annotations
 
@@ -10,26 +10,57 @@ from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.evaluate import RETURN, TRUE_OBJECTIVE, Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
 from ogmp_sb3.evaluation.metrics import highest_return
+from ogmp_sb3.evaluation.recording import RECORDED, record_chosen
 from ogmp_sb3.evaluation.statistics import Estimate, as_text, estimate
 from ogmp_sb3.rendering.opengl import gl_library
 from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.video import picture_count, write_video
-from ogmp_sb3.report.page import KeyNumber, KeyNumbers, Note, Part, Picture, Section, Video, data_uri, first_paragraph
-from ogmp_sb3.runs.callbacks import progress_bar
+from ogmp_sb3.report.page import (
+    Inset,
+    KeyNumber,
+    KeyNumbers,
+    Note,
+    Part,
+    Picture,
+    Section,
+    Video,
+    data_uri,
+    first_paragraph,
+)
+from ogmp_sb3.report.replay import write_replay
+from ogmp_sb3.runs.callbacks import progress_bar, steps_bar
 
 FILM_TIME = 6.0  # s of an episode at most
-STRIP, VIDEO = "film.png", "film.mp4"
+STRIP, VIDEO, REPLAY = "film.png", "film.mp4", "replay"
 SURVIVED = ("time_limit", "max_distance")
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
-def headline(subject: EvaluatedPolicy, result: Evaluation, film: list[Part]) -> Section:
+def headline(subject: EvaluatedPolicy, result: Evaluation, shown: list[Part]) -> Section:
     """The three numbers that say most, below the first picture.
 
-    :param film: pictures and videos
+    :param shown: pictures, videos, a replay
     """
     numbers = [_objective(subject.task, result), _survival(result), _return(subject.task, result)]
-    return Section("", "", [*film[:1], KeyNumbers(numbers), *film[1:]])
+    return Section("", "", [*shown[:1], KeyNumbers(numbers), *shown[1:]])
+
+
+def replay_of(subject: EvaluatedPolicy, episodes: int, seed: int, out: Path) -> Inset:
+    """A replay of chosen test episodes, also as a page of its own, ``replay.html``.
+
+    :param episodes: how many they are chosen from
+    :param seed: of the first
+    :param out: directory of the page
+    """
+    task = subject.task.for_evaluation()
+    with steps_bar((episodes + RECORDED) * task.episode_steps, "replay") as bar:
+        chosen = record_chosen(subject.loaded, task, episodes, seed, bar.update)
+        bar.update(bar.total - bar.n)  # fewer may have been chosen
+    page = out / f"{REPLAY}.html"
+    subtitle = f"{len(chosen)} of {episodes} test episodes, chosen by return"
+    write_replay(page, subject.task, chosen, subject.task.name, subtitle)
+    caption = f"Replay of {subtitle}: turn, zoom, and drag the time."
+    return Inset(REPLAY, caption, page.read_text(encoding="utf-8"))
 
 
 def film_of(subject: EvaluatedPolicy, seed: int, kinds: Sequence[str], out: Path) -> list[Part]:

@@ -82,6 +82,19 @@ class KeyNumbers:
 
 
 @dataclass(frozen=True)
+class Inset:
+    """A page within the page."""
+
+    name: str
+    """of its file beside the page, without ending"""
+    caption: str
+    """what it shows"""
+    html: str
+    """all of it"""
+    kind: str = "inset"
+
+
+@dataclass(frozen=True)
 class Note:
     """A paragraph among the other parts."""
 
@@ -90,7 +103,7 @@ class Note:
     kind: str = "note"
 
 
-Part = Table | Picture | Video | KeyNumbers | Note
+Part = Table | Picture | Video | KeyNumbers | Inset | Note
 
 
 @dataclass(frozen=True)

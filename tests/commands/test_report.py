@@ -9,6 +9,7 @@ import re
 import shutil
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from ogmp_sb3.runs.policies import load_policy
 from ogmp_sb3.runs.run_directory import default_out, owner
 
 QUICK = ["episodes=3", "evaluation.episode_steps=20"]
-FEW = ["grids=false", "variants=null", "traces=1", "film=false"]
+FEW = ["grids=false", "variants=null", "traces=1", "film=false", "replay=null"]
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +102,8 @@ def test_a_page_begins_with_the_robot_and_three_numbers(opengl, run_page: Path) 
     assert base64.b64decode(strip) == (run_page / "film.png").read_bytes()
     with Image.open(run_page / "film.png") as image:
         assert image.width > image.height and np.ptp(np.asarray(image.convert("L"))) > 100
+    (inner,) = re.findall(r'<iframe srcdoc="([^"]*)"', head)
+    assert unescape(inner) == (run_page / "replay.html").read_text(encoding="utf-8")
     labels = re.findall(r"<strong>(.*?)</strong>", head)
     assert labels == ["track displacement", "without a fall", "return"]
     metrics = {row["metric"]: row for row in rows(run_page / "metrics.csv") if row["group"] == "all"}
@@ -202,7 +205,7 @@ def test_the_page_is_there_before_its_heat_maps_and_stays_if_they_are_interrupte
 ) -> None:
     shutil.copytree(sweep / "0" / "best", tmp_path / "mine")
     cells = ["grid_cells=1", "cell_episodes=2", "modes.pace.v=0.8"]
-    quick = ["episodes=1", "evaluation.episode_steps=5", "variants=null", "traces=1", "film=false"]
+    quick = ["episodes=1", "evaluation.episode_steps=5", "variants=null", "traces=1", "film=false", "replay=null"]
     arguments = ["run=mine", *quick, *cells]
     page = tmp_path / "mine" / "report" / "report.html"
     play_sets = grid.play_sets

@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import csv
 import re
+from html import unescape
 from pathlib import Path
 
 from ogmp_sb3.report.page import (
     ABREAST,
+    Inset,
     KeyNumber,
     KeyNumbers,
     Note,
@@ -62,6 +64,15 @@ def test_what_stands_above_the_first_section_is_not_among_the_contents(tmp_path:
     assert "<h2>" not in html and "<li>" not in html
     assert "<p>&lt;words&gt;</p>" in html
     assert "<b>10.0 m</b> <strong>way</strong><p>n = &lt;3&gt;.</p>" in html
+
+
+def test_a_page_within_the_page_is_whole_and_no_part_of_it(tmp_path: Path) -> None:
+    inner = '<!DOCTYPE html><script>run("a & b")</script>'
+    write_page(tmp_path / "page.html", "Title", "", [Section("", "", [Inset("replay", "It moves.", inner)])])
+    html = (tmp_path / "page.html").read_text()
+    (found,) = re.findall(r'<iframe srcdoc="([^"]*)" title="It moves."', html)
+    assert unescape(found) == inner and "<script" not in html
+    assert '<a href="replay.html">' in html
 
 
 def test_a_wide_table_becomes_several_that_fit_with_the_leading_columns_in_each() -> None:
