@@ -22,7 +22,7 @@ from ogmp_sb3.rendering.viewer import Performer, Viewer
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
-from test_viewer import CHROMIUM, Browser  # noqa: E402
+from helpers.browser import CHROMIUM, Browser  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
 VIDEOS = {

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import io
-import itertools
-import json
-import re
-import shutil
-import subprocess
 import time
-import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
+from helpers.browser import Browser, needs_browser
 from helpers.players import flat, still_player
 from helpers.programs import program
 from ogmp_sb3.config.load import load_task
@@ -30,7 +24,6 @@ from ogmp_sb3.rendering.viewer import PLOT_EVERY, Performer, Viewer
 pytest.importorskip("viser", reason="the browser viewer needs the extra 'viewer'")
 
 STEP = 0.03  # s
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @pytest.fixture
@@ -311,59 +304,7 @@ def test_the_disturbances_of_the_training_have_sliders_and_begin_anew_as_they_we
         viewer.server.stop()
 
 
-class Browser:
-    """A Chromium without a window, driven through its DevTools protocol."""
-
-    def __init__(self, url: str, folder: Path, size: tuple[int, int] = (900, 700)) -> None:
-        from websockets.sync.client import connect
-
-        flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
-        window = f"--window-size={size[0]},{size[1]}"
-        flags += ["--enable-unsafe-swiftshader", window, "--remote-debugging-port=0"]
-        self.process = subprocess.Popen(
-            [cast(str, CHROMIUM), *flags, f"--user-data-dir={folder}", url], stderr=subprocess.PIPE, text=True
-        )
-        assert self.process.stderr is not None
-        found = (re.search(r"listening on ws://([^/]+)/", line) for line in self.process.stderr)
-        address = next(match[1] for match in found if match)
-        while True:
-            with urllib.request.urlopen(f"http://{address}/json") as answer:
-                pages = [target for target in json.load(answer) if target["type"] == "page"]
-            if pages:
-                break
-            time.sleep(0.1)
-        self.socket = connect(pages[0]["webSocketDebuggerUrl"], max_size=None)
-        self.numbers = itertools.count()
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        number = next(self.numbers)
-        self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
-        while (answer := json.loads(self.socket.recv(timeout=120))).get("id") != number:
-            pass
-        return answer["result"]
-
-    def javascript(self, expression: str) -> Any:
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
-
-    def click(self, label: str) -> None:
-        assert self.javascript(
-            f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText == '{label}');"
-            " if (b) b.click(); return Boolean(b) })()"
-        )
-
-    def picture(self) -> np.ndarray:
-        from PIL import Image
-
-        png = base64.b64decode(self.call("Page.captureScreenshot")["data"])
-        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
-
-    def close(self) -> None:
-        self.call("Browser.close")
-        self.socket.close()
-        self.process.wait(60)
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the viewer with")
+@needs_browser
 def test_a_browser_shows_robot_ghost_and_controls_and_its_buttons_work(serve, tmp_path: Path) -> None:
     viewer = serve(still_player(flat()))
     viewer.settings.paused = True
