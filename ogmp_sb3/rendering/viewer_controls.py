@@ -5,18 +5,64 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from ogmp_sb3.rendering.player import Player
 from ogmp_sb3.rendering.viewer_inputs import add_parameter, add_size
 from ogmp_sb3.rendering.viewer_plots import Plots
+from ogmp_sb3.rendering.viewer_scene import Stage
+from ogmp_sb3.rendering.viewer_settings import Settings
 
 if TYPE_CHECKING:
-    from ogmp_sb3.rendering.viewer import Viewer
+    import viser
 
 IN_TEST = "evaluation.randomisation."
 PUSHES = {"forward": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 ARROWS: dict[str, Any] = {"forward": "arrowup", "back": "arrowdown", "left": "arrowleft", "right": "arrowright"}
 KEYS = "space: pause, S: step, R: reset, arrows: push, 1 to 9: go on with this mode"
+
+
+class Play(Protocol):
+    """What controls are of, and ask for: the viewer."""
+
+    server: viser.ViserServer
+    """whose page it is"""
+    settings: Settings
+    """what they set"""
+    stage: Stage
+    """the scene"""
+    policies: tuple[str, ...]
+    """to choose from"""
+    overrides: str
+    """of the task that plays, as on a command line"""
+
+    @property
+    def player(self) -> Player:
+        """The first player."""
+
+    def ask(self, action: Callable[[], object]) -> None:
+        """Have something done between two steps."""
+
+    def single_step(self) -> None:
+        """One control step, shown at once."""
+
+    def reset(self) -> None:
+        """Begin anew with the seed that is set."""
+
+    def push(self, direction: str) -> None:
+        """Change the velocity of every robot at once."""
+
+    def command(self, mode: str, **parameters: float | str) -> None:
+        """Have every robot go on with a mode."""
+
+    def begin_with(self, overrides: str) -> None:
+        """Begin anew with overrides of the task."""
+
+    def choose(self, policy: str) -> None:
+        """Begin anew with another policy of the run."""
+
+    def record(self) -> None:
+        """Begin a video, or end it."""
 
 
 class Controls:
@@ -25,7 +71,7 @@ class Controls:
     :param viewer: does what they ask for
     """
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Play) -> None:
         self._viewer, self._gui, self._settings = viewer, viewer.server.gui, viewer.settings
         self._player = viewer.player
         gui, settings, policy = self._gui, self._settings, self._player.policy is not None

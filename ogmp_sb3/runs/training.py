@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import shlex
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -157,12 +157,15 @@ def _train(job: Job, checkpoint: Path | None) -> float:
     command = {"overrides": list(job.overrides)} if job.overrides else {}
     settings = {"task": job.task_data, "train": config.as_data(), "versions": origin.get("versions", {})}
     training = TrackedTraining(folder=run_dir, task=task.name, group=group_of(run_dir, task.name), settings=settings)
-    model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))
-    say(banner(run_dir, config, model, job.overrides or typed_at_first(run_dir)))
-    if checkpoint is not None:
-        say(f"resumed at step {model.num_timesteps}")
     remaining = config.total_timesteps - model.num_timesteps
-    with saved_first(checkpoints), closing(model.logger), closing(progress):
+    with ExitStack() as stack:
+        stack.enter_context(saved_first(checkpoints))
+        model.set_logger(make_logger(config.trackers, training, None if checkpoint is None else model.num_timesteps))
+        stack.enter_context(closing(model.logger))
+        stack.enter_context(closing(progress))
+        say(banner(run_dir, config, model, job.overrides or typed_at_first(run_dir)))
+        if checkpoint is not None:
+            say(f"resumed at step {model.num_timesteps}")
         write_yaml(run_dir / CONFIG, {**origin, "train": config.as_data(), **command})
         try:
             if remaining > 0:
