@@ -67,6 +67,13 @@ def ground_geoms(model: mujoco.MjModel) -> np.ndarray:
     return np.flatnonzero(_meet(model, int(model.geom("terrain_0").contype[0])))
 
 
+def touching(model: mujoco.MjModel) -> np.ndarray:
+    """Geoms that can touch something, shape (geoms,), bool."""
+    can: np.ndarray = (model.geom_contype | model.geom_conaffinity) != 0
+    can[np.concatenate([model.pair_geom1, model.pair_geom2])] = True
+    return can
+
+
 def geom_extents(data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the greatest coordinates of geoms, world frame, shapes (n, 3), m.
 

@@ -19,6 +19,7 @@ from ogmp_sb3.guidance.srb import GRAVITY
 FULL_TURN_TOLERANCE = 0.5  # rad
 UPRIGHT_TOLERANCE = 0.5  # rad, between the base's up axis and the world's
 UPRIGHT_TIME = 1.0  # s, at the end of a dive
+SURVIVED = ("time_limit", "max_distance")  # what ends an episode without a fall
 LOW = 0.6  # nominal heights of the base over the terrain, below which a robot has fallen (0.3 m for HECTOR)
 
 Metric = TypeVar("Metric", bound=Callable[[EpisodeRecord], float])
@@ -92,7 +93,7 @@ def episode_length_fraction(record: EpisodeRecord) -> float:
 @metrics.register()
 def no_fall_fraction(record: EpisodeRecord) -> bool:
     """1 if the episode ended by its time limit, or at the distance asked for."""
-    return record.termination in ("time_limit", "max_distance")
+    return record.termination in SURVIVED
 
 
 @metrics.register()

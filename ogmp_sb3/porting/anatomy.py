@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.messages import did_you_mean
-from ogmp_sb3.env.ground_contacts import geom_extents
+from ogmp_sb3.env.ground_contacts import geom_extents, touching
 from ogmp_sb3.env.servos import ONE_AXIS, joint_actuators
 
 HEEL = 0.02  # share of the robot's height: what reaches down about as far as a toe is of the same foot
@@ -138,13 +138,6 @@ def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]) 
     geoms = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & touching(model))
     low, _ = geom_extents(data, geoms)
     return float(low[:, 2].min(initial=np.inf))
-
-
-def touching(model: mujoco.MjModel) -> np.ndarray:
-    """Geoms that can touch something, shape (geoms,), bool."""
-    can: np.ndarray = (model.geom_contype | model.geom_conaffinity) != 0
-    can[np.concatenate([model.pair_geom1, model.pair_geom2])] = True
-    return can
 
 
 def _lowest_ends(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> list[int]:

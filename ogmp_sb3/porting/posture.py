@@ -8,10 +8,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ogmp_sb3.env.ground_contacts import geom_extents, with_all_below
+from ogmp_sb3.env.ground_contacts import geom_extents, touching, with_all_below
 from ogmp_sb3.env.servos import ONE_AXIS
 from ogmp_sb3.guidance.rotations import quat_conjugate, quat_multiply, quat_to_rotvec
-from ogmp_sb3.porting.anatomy import Anatomy, Leg, lowest_point, touching
+from ogmp_sb3.porting.anatomy import Anatomy, Leg, lowest_point
 
 HOME = "home"  # the keyframe that Menagerie's robots stand in
 BENT = 0.02  # share of its length by which a leg is shorter where it does not count as straight

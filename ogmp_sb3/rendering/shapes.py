@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from ogmp_sb3.config.task import TaskConfig
+from ogmp_sb3.env.ground_contacts import touching
 from ogmp_sb3.env.robot_model import VISIBLE_GROUPS
 from ogmp_sb3.guidance.srb import POS
 
@@ -50,9 +51,8 @@ def visible_geoms(model: mujoco.MjModel) -> list[int]:
 
 def collision_geoms(model: mujoco.MjModel) -> list[int]:
     """The geoms of a robot that can touch something, of those that :func:`geom_mesh` can draw."""
-    touching = (model.geom_contype | model.geom_conaffinity) != 0
     drawable = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_type != mujoco.mjtGeom.mjGEOM_HFIELD)
-    return np.flatnonzero(touching & drawable & (model.geom_bodyid > 0)).tolist()
+    return np.flatnonzero(touching(model) & drawable & (model.geom_bodyid > 0)).tolist()
 
 
 def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:

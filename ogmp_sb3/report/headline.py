@@ -9,7 +9,7 @@ from ogmp_sb3.config import registry
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.evaluation.evaluate import RETURN, TRUE_OBJECTIVE, Evaluation
 from ogmp_sb3.evaluation.evaluated_policy import EvaluatedPolicy
-from ogmp_sb3.evaluation.metrics import highest_return
+from ogmp_sb3.evaluation.metrics import SURVIVED, highest_return
 from ogmp_sb3.evaluation.recording import RECORDED, record_chosen
 from ogmp_sb3.evaluation.statistics import Estimate, as_text, estimate
 from ogmp_sb3.rendering.opengl import gl_library
@@ -28,12 +28,11 @@ from ogmp_sb3.report.page import (
     first_paragraph,
 )
 from ogmp_sb3.report.replay import write_replay
+from ogmp_sb3.report.run_sections import THIN
 from ogmp_sb3.runs.callbacks import progress_bar, steps_bar
 
 FILM_TIME = 6.0  # s of an episode at most
 STRIP, VIDEO, REPLAY = "film.png", "film.mp4", "replay"
-SURVIVED = ("time_limit", "max_distance")
-THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def headline(subject: EvaluatedPolicy, result: Evaluation, shown: list[Part]) -> Section:

@@ -176,10 +176,15 @@ def data_uri(path: Path, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
 
 
-def write_page(path: Path, title: str, subtitle: str, sections: list[Section]) -> None:
-    """Write the page, all or nothing."""
+def template(name: str) -> jinja2.Template:
+    """A template of a page, in which values are text and none may be missing."""
     loader = jinja2.FileSystemLoader(TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
-    html = environment.get_template("report.html").render(title=title, subtitle=subtitle, sections=sections)
+    return environment.get_template(name)
+
+
+def write_page(path: Path, title: str, subtitle: str, sections: list[Section]) -> None:
+    """Write the page, all or nothing."""
+    html = template("report.html").render(title=title, subtitle=subtitle, sections=sections)
     with replacing(path) as file:
         file.write_text(html, encoding="utf-8")

@@ -7,11 +7,9 @@ import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
-
 from ogmp_sb3.config.task import TaskConfig
 from ogmp_sb3.rendering.replay import RecordedEpisode, replay_data
-from ogmp_sb3.report.page import TEMPLATES
+from ogmp_sb3.report.page import template
 from ogmp_sb3.runs.atomic import replacing
 
 MOST_BYTES = 25_000_000  # of a page: more would open slowly, and is refused by mail servers and forges
@@ -51,10 +49,7 @@ def replay_page(task: TaskConfig, episodes: Sequence[RecordedEpisode], title: st
     """
     data, arrays = replay_data(task, episodes)
     recording = base64.b64encode(zlib.compress(arrays, 9)).decode("ascii")
-    loader = jinja2.FileSystemLoader(TEMPLATES)
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
-    template = environment.get_template("replay.html")
-    return template.render(title=title, subtitle=subtitle, data=data, recording=recording, mark=MARK)
+    return template("replay.html").render(title=title, subtitle=subtitle, data=data, recording=recording, mark=MARK)
 
 
 def check_folder(folder: Path) -> None:

@@ -25,9 +25,8 @@ from ogmp_sb3.runs.callbacks import steps_bar
 from ogmp_sb3.runs.logs import STEP_COLUMN
 from ogmp_sb3.runs.multirun import setting
 from ogmp_sb3.runs.policies import load_policy
-from ogmp_sb3.runs.run_directory import Run, samples_text
+from ogmp_sb3.runs.run_directory import RETURN, Run, samples_text
 
-RETURN = "episode/return"
 SURROGATE, TRUE = "surrogate: return", "true objective"
 OBJECTIVES = {SURROGATE: "return", TRUE: "true_objective"}  # names of their metrics
 MOST_TRACES = 10  # in a picture of motion traces; the ready sweep over rho has ten bounds

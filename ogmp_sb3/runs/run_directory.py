@@ -31,6 +31,7 @@ RESUMABLE = (
     *("torch_threads", "physics_threads", "device", "logger", "videos"),
 )
 FAILURE = "failure.txt"  # in the directory of a job that failed: why
+RETURN = "episode/return"  # column of the log: mean over the episodes since the row before
 ELAPSED = "time/time_elapsed"  # column of the log: s since the training began, or went on
 LOG, OVERRIDES = "progress.csv", ".hydra/overrides.yaml"
 TRACKERS = "trackers.json"  # in a run directory: which run it is in each tracker

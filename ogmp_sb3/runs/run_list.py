@@ -19,13 +19,12 @@ from ogmp_sb3.runs.run_directory import (
     LAST_ROWS,
     LOG,
     OVERRIDES,
+    RETURN,
     entry,
     run_state,
     samples_so_far,
 )
 from ogmp_sb3.runs.run_folders import RunFolder
-
-RETURN = "episode/return"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -129,3 +130,12 @@ def test_what_can_touch_something_is_the_collision_geometry() -> None:
     geoms = collision_geoms(model)
     assert geoms and all(model.geom_contype[i] | model.geom_conaffinity[i] for i in geoms)
     assert {model.geom_bodyid[i] for i in geoms} >= {model.body(foot).id for foot in task.robot_config.feet}
+
+
+def test_a_geom_that_touches_by_a_pair_alone_is_collision_geometry_too() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom name="floor" type="box" size="1 1 0.1"/><body><freejoint/>
+        <geom name="sole" size="0.1" contype="0" conaffinity="0"/><geom size="0.2" contype="0" conaffinity="0"/>
+        </body></worldbody><contact><pair geom1="floor" geom2="sole"/></contact></mujoco>"""
+    )
+    assert collision_geoms(model) == [model.geom("sole").id]

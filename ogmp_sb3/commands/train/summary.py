@@ -13,9 +13,7 @@ from rich.table import Table
 
 from ogmp_sb3.commands import cli
 from ogmp_sb3.runs.multirun import read_sweep, setting, swept_keys
-from ogmp_sb3.runs.run_directory import Run, samples_text
-
-RETURN = "episode/return"  # column of the log
+from ogmp_sb3.runs.run_directory import RETURN, Run, samples_text
 
 
 class Summary(Callback):

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull, QhullError
 
-from ogmp_sb3.env.ground_contacts import foot_bodies
+from ogmp_sb3.env.ground_contacts import foot_bodies, touching
 from ogmp_sb3.env.robot_check import nominal_data
 from ogmp_sb3.env.robot_model import build_model
-from ogmp_sb3.porting.anatomy import Leg, touching
+from ogmp_sb3.porting.anatomy import Leg
 from ogmp_sb3.porting.port import PHYSICS_DT, Port
 from ogmp_sb3.report.plots.style import in_style, save
 
